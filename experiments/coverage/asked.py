@@ -18,7 +18,7 @@ from gpmodel.api.table import read_table
 from gpmodel.application.compensate import GIVEN, corrected, joint_targets
 from gpmodel.application.kinematics import tips
 from gpmodel.application.predict import coordinate_deviations
-from gpmodel.application.usable import of_the_mechanism
+from gpmodel.application.usable import without_instrument
 from gpmodel.application.verify import verified
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.numerics.interval import coverage_factor
@@ -88,7 +88,7 @@ def predictions(result: CalibrationResult, here: Hall) -> Row:
 def compensation(result: CalibrationResult, here: Hall, true: Exact) -> Row:
     """Judge the points reached by compensated joint values, in the frame of the root."""
     fit, poses = result.calibrated.final, poses_of(result, here)
-    saved = of_the_mechanism(result.model.saved)
+    saved = without_instrument(result.model.saved)
     targets = joint_targets(saved, poses.subset(np.arange(TARGETS)).dataset)
     q, status = corrected(saved, targets)
     given = np.isin(status, GIVEN)

@@ -20,7 +20,7 @@ from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
 from gpmodel.api.table import dataset_of, read_table
-from gpmodel.application.kinematics import matched
+from gpmodel.application.kinematics import with_model_labels
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import usable
@@ -225,7 +225,7 @@ def _points(here: Bench, fitted: Calibration) -> tuple[np.ndarray, np.ndarray]:
     saved = usable(saved_model(fitted, here.poses), session=here.robot.by_row, as_measured=True)
     points, deviations = [], []
     for poses in here.fresh:
-        ready = replace(poses, dataset=matched(saved, poses.dataset))
+        ready = replace(poses, dataset=with_model_labels(saved, poses.dataset))
         observed = observe(saved.model, ready, saved.theta, saved.placement)
         points.append(observed.tip[:, :3, 3])
         deviations.append(coordinate_deviations(saved, ready, observed))

@@ -25,7 +25,7 @@ from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import check_table, load_model, saved_model
-from gpmodel.application.over_causes import of_the_ball
+from gpmodel.application.over_causes import ball_priors
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step, fit_steps, nested_models
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
@@ -199,7 +199,7 @@ def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[s
         name, _, result = said.partition("=")
         if not result:
             raise InputError(f"'{said}', expected BALL=RESULT, as in L3.fixed=rig", "joints")
-        out.append((f"joint {name}", of_the_ball(name, load_model(model_file(Path(result))), mechanism)))
+        out.append((f"joint {name}", ball_priors(name, load_model(model_file(Path(result))), mechanism)))
     return out
 
 

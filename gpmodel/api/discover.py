@@ -61,7 +61,7 @@ from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord
 from gpmodel.report.verdict import of_discovery
-from gpmodel.table.bundles import FOLDS, JUDGED, USUAL, bundles, different_poses, hold_out
+from gpmodel.table.bundles import FOLDS, JUDGED, USUAL, different_poses, hold_out, repeat_blocks
 from gpmodel.table.dataset import Dataset
 
 COMMAND = "gpmodel.discover"
@@ -275,7 +275,7 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
         return 0.0, check_integer(folds, "folds", 2)
     if holdout is not None:
         return check_share(holdout, "holdout", positive=True), 0
-    units = int(bundles(dataset).max(initial=-1)) + 1
+    units = int(repeat_blocks(dataset).max(initial=-1)) + 1
     return USUAL, FOLDS if USUAL * different_poses(dataset) < ENOUGH_HELD and units >= FOLDS else 0
 
 

@@ -45,7 +45,7 @@ from gpmodel.hierarchy.record import (
     folder_of_tables,
     prior_parts,
 )
-from gpmodel.mechanism.branches import tip_at_probe
+from gpmodel.mechanism.branches import tip_at_trial
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -231,7 +231,7 @@ def _part(
     """Return the record of fleet.json, with the joint names of the tables if all tables use equal names."""
     arm, called_so = arms[0][0], {poses.dataset.columns for _, poses in arms}
     joints = tuple(j.name for j in arm.joints)
-    x, y, z = tip_at_probe(arm).tolist()
+    x, y, z = tip_at_trial(arm).tolist()
     columns = called_so.pop() if len(called_so) == 1 else joints
     return FleetPart(
         KIND, SCHEMA, __version__, origin.command, origin.seed, arm.name, (x, y, z), joints, columns or joints, chosen,

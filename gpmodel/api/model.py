@@ -36,7 +36,7 @@ from gpmodel.application.exports.programs import LANGUAGES, Language, program_te
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
-from gpmodel.application.usable import lasting, of_the_session, placed_now, usable
+from gpmodel.application.usable import at_end, persists, session_effects, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
@@ -144,7 +144,8 @@ class Model(Shown):
         degrees = check_number(max_move, "max_move", 0.0, 360.0)
         session, in_order = check_bool(session, "session"), check_bool(in_order, "in_order")
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
-        saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(check_integer(seed, "seed"))
+        rng = np.random.default_rng(check_integer(seed, "seed"))
+        saved = at_end(usable(self.saved, session=session))
         saved = of_frame(saved) if check_choice(point, POINTS, "point") == "frame" else saved
         frame = frame if isinstance(targets, pd.DataFrame) else with_numbers(frame)
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
@@ -226,7 +227,7 @@ class Model(Shown):
         session: include effects that end with the session: errors of the instrument, and drift of the set-up. With
         False, only effects whose value at the end of the session remains valid.
         """
-        return tuple(e.name for e in of_the_session(self.saved) if session or lasting(e))
+        return tuple(e.name for e in session_effects(self.saved) if session or persists(e))
 
     @property
     def sha256(self) -> str:

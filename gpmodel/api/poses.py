@@ -29,7 +29,7 @@ from gpmodel.application.compensate import beyond_limits, targets_in
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Alternatives, PlanningContext, closing_pool
-from gpmodel.application.usable import placed_now, usable
+from gpmodel.application.usable import at_end, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
@@ -123,7 +123,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
-    targets = targets_in(placed_now(usable(saved)), text, path, rng, in_order=False)
+    targets = targets_in(at_end(usable(saved)), text, path, rng, in_order=False)
     beyond = np.flatnonzero(beyond_limits(arm, targets.dataset.q))
     for lost, how in ((targets.unreachable, "out of reach"), (beyond, "beyond a joint limit")):
         if len(lost):

@@ -11,16 +11,16 @@ from gpmodel.application.kinematics import (
     REACHED,
     inverse,
     look_where_closed,
-    matched,
     matched_with_readings,
-    remembered,
+    reversed_approach,
     solve,
     tips,
-    turned,
+    with_memory_columns,
+    with_model_labels,
 )
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import point_deviation
-from gpmodel.application.usable import check_finite, of_the_mechanism, outside
+from gpmodel.application.usable import check_finite, out_of_range, without_instrument
 from gpmodel.arrays import ROUNDING, Array, IntArray, Mask
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
 from gpmodel.errors import InputError
@@ -159,7 +159,7 @@ def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     A target is position and orientation with at least six joints for each tip of a pose, else the position. Raises
     InputError if the joint values do not belong to the machine of the model.
     """
-    fitting = remembered(saved, matched_with_readings(saved, dataset))
+    fitting = with_memory_columns(saved, matched_with_readings(saved, dataset))
     whole = len(saved.mechanism.joints) >= 6 * np.bincount(poses_of_tips(fitting)).max(initial=1)
     return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, bool(whole))
 
@@ -170,7 +170,7 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
     Without rotations, or with fewer than six joints, a target is the position alone. Raises InputError for a row
     without a complete position, or with rotations in some rows only.
     """
-    fitting = matched(saved, dataset)
+    fitting = with_model_labels(saved, dataset)
     if not np.isfinite(dataset.position).all():
         row = int(dataset.row[~np.isfinite(dataset.position).all(axis=1)][0])
         raise InputError(f"{dataset.source}, row {row}: x, y or z is empty; expected a whole target in every row")
@@ -189,7 +189,7 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
     frames[:, :3, 3] = dataset.position
     whole = bool(turned.all()) and len(saved.mechanism.joints) >= 6
     q, reached = inverse(saved, fitting, frames, whole, rng)
-    return TargetPoses(remembered(saved, replace(fitting, q=q)), frames, whole, np.flatnonzero(~reached))
+    return TargetPoses(with_memory_columns(saved, replace(fitting, q=q)), frames, whole, np.flatnonzero(~reached))
 
 
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
@@ -199,16 +199,16 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     near a singular pose, the orientation needs a larger move, the position is reached exactly and the orientation as
     far as the limit allows. Raises InputError if an effect is infinite or undefined at a target.
     """
-    saved = of_the_mechanism(saved)
+    saved = without_instrument(saved)
     targets = _closing_start(saved, targets)
     dataset = targets.dataset
     q, status = corrected(saved, targets, max_move)
     poses, observed = tips(saved, replace(dataset, q=q.copy()), nominal=False)
-    beyond = outside(saved, poses.states)
+    beyond = out_of_range(saved, poses.states)
     beyond = tuple("" if k in targets.unreachable else names for k, names in enumerate(beyond))
     for k in np.flatnonzero((np.array(beyond, dtype=object) != "") & (status == OK)):
         status[k] = RANGE
-    for k in np.flatnonzero(turned(saved, dataset.q, q) & (status == OK)):
+    for k in np.flatnonzero(reversed_approach(saved, dataset.q, q) & (status == OK)):
         status[k] = SIDE
     without = tips(saved, dataset, nominal=False)[1].tip
     known = np.where(np.isin(np.arange(len(q)), targets.unreachable), np.nan, 1.0)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values
-from gpmodel.application.kinematics import remembered
+from gpmodel.application.kinematics import with_memory_columns
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by, point_columns
 from gpmodel.application.usable import usable
@@ -90,10 +90,10 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
         return None
     saved, rng = saved_model(fit, poses), np.random.default_rng(0)
     try:
-        known = remembered(saved, data)
+        known = with_memory_columns(saved, data)
     except InputError:
         return None
-    (inside, blur), (outside, around) = (left_out(fit, problem, rows) for rows in (use, far))
+    (inside, blur), (outside, around) = (leave_one_out(fit, problem, rows) for rows in (use, far))
     noise = with_far_ones(inside, outside, count, (blur, around))
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
     drawn = at_joint_values(known, drawn_between(saved.mechanism, low, high, POSES, rng), rng)
@@ -110,7 +110,7 @@ def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
 
-def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
+def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
     """Return the leave-one-out residuals, m, of the rows `use`: r / (1 - h) with leverage h.
 
     Also return the variance of the prediction of each row in units of the noise variance: h / (1 - h).
@@ -147,14 +147,14 @@ def _bound(worlds: Array) -> Bound:
     return Bound(1e3 * float(np.median(worlds)), 1e3 * float(np.quantile(worlds, COVERAGE)))
 
 
-def shipped(found: Discovery) -> int:
+def saved_step(found: Discovery) -> int:
     """Return the number of the saved step: the last step if held-out poses confirm it, else the standard model."""
     return len(found.steps) - 1 if found.confirmed else 1
 
 
 def heldout_fits(found: Discovery) -> tuple[HeldOutFit, ...]:
     """Return the fits of the saved step with their held-out poses: one fit per fold, or a single fit."""
-    number = shipped(found)
+    number = saved_step(found)
     return tuple(
         HeldOutFit(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
         for part in found.parts or (found,)
@@ -237,7 +237,7 @@ def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
     rows = np.setdiff1d(_whole(poses), fit.outliers)
     if fit.freedom < FEWEST:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    left, blur = left_out(fit, problem_at(fit, poses), rows)
+    left, blur = leave_one_out(fit, problem_at(fit, poses), rows)
     return left**2, np.repeat(fit.sigma**2 * blur[:, None], 3, axis=1)
 
 
@@ -309,14 +309,14 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
     columns = columns[:, size > 0] / size[size > 0]
     data = poses.dataset
     further = [np.asarray(v, dtype=float) for v in (data.payload, data.row, *data.extras.values()) if np.ptp(v) > 0]
-    smooth = [alike(data.q), *(alike(v[:, None], order=1) for v in further)]
+    smooth = [joint_correlation(data.q), *(joint_correlation(v[:, None], order=1) for v in further)]
     products = columns @ columns.T
     for correlation in (smooth[0], np.sum(smooth, axis=0)):
         kernel = products * np.kron(correlation, np.ones((3, 3)))
         yield np.asarray(kernel * len(kernel) / np.trace(kernel))
 
 
-def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
+def joint_correlation(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
     """Return the correlation of an unknown function of the joint values q at every two poses.
 
     The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints). lengths:

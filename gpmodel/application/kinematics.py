@@ -56,7 +56,7 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
     return poses, observe(saved.model, poses, saved.theta, root)
 
 
-def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
+def error_and_jacobian(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
     """Return the error of each pose to its target in the root frame, m and rad, and the Jacobian of the error.
 
     The Jacobian is that of the nominal mechanism. For the calibrated mechanism, the relative error of the Jacobian is
@@ -106,15 +106,15 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
 
 
 def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
-    """Return error and Jacobian as `look_at` does; infinite and zero for poses at which the loops of a mechanism cannot
-    close."""
+    """Return error and Jacobian as `error_and_jacobian` does; infinite and zero for poses at which a closed loop of the
+    mechanism cannot close."""
     model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
     able = closing(model, dataset, saved.theta[: len(model.effects)])
     if len(able) == len(dataset):
-        return look_at(saved, dataset, target, nominal=nominal)
+        return error_and_jacobian(saved, dataset, target, nominal=nominal)
     miss, jacobian = np.full((len(dataset), 6), np.inf), np.zeros((len(dataset), 6, dataset.q.shape[1]))
     if len(able):
-        miss[able], jacobian[able] = look_at(saved, dataset.subset(able), target[able], nominal=nominal)
+        miss[able], jacobian[able] = error_and_jacobian(saved, dataset.subset(able), target[able], nominal=nominal)
     return miss, jacobian
 
 
@@ -190,7 +190,7 @@ LOADS = ("payload", "torque_", "moment_", "force_")
 """First letters of the names of inputs that depend on the payload."""
 
 
-def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
+def with_model_labels(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Return the dataset with the model's payload, and with labels of the model's set-ups and tools.
 
     Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
@@ -222,14 +222,14 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the dataset as `matched` does, after a check that joint values and positions are of the model's machine.
+    """Return the dataset as `with_model_labels` does, after a check that the table is of the model's machine.
 
     Raises InputError for unknown labels or inputs, and if the residual of most positions exceeds POOR_LENGTH after a
     fit of registration and tool point.
     """
     if mixed := mixed_up(saved.mechanism, dataset):
         raise InputError(f"{dataset.source}: {mixed}; expected a table of {saved.mechanism.name}")
-    fitting, rows = matched(saved, dataset), comparable_rows(dataset)
+    fitting, rows = with_model_labels(saved, dataset), comparable_rows(dataset)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
     known = all(joint.measured for joint in saved.mechanism.joints) and not branched(saved.mechanism)
     if known and len(rows) >= FEWEST_OF_A_PART:
@@ -247,7 +247,7 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     return fitting
 
 
-def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
+def with_memory_columns(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
     With these columns, small changes of joint values keep the direction of approach.
@@ -265,7 +265,7 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
     )
 
 
-def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
+def reversed_approach(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
     """Return a mask of the targets that a joint approaches from another side than without correction.
 
     The mask considers only joints whose direction of approach is an input of the model.

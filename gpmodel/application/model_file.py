@@ -14,7 +14,7 @@ from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.branches import same_machine, tip_at_probe
+from gpmodel.mechanism.branches import same_machine, tip_at_trial
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, TakenUp, Term
@@ -244,7 +244,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
             "joints": [j.name for j in mechanism.joints],
-            "tip_at_probe_m": tip_at_probe(mechanism),
+            "tip_at_probe_m": tip_at_trial(mechanism),
             "description": choice.description,
         },
         "effects": [
@@ -321,7 +321,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     about = part.mechanism
     choice = MechanismChoice(about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "")
     mechanism = given or choice.load()
-    known = same_machine(tip_at_probe(mechanism), about.tip_at_probe_m)
+    known = same_machine(tip_at_trial(mechanism), about.tip_at_probe_m)
     if tuple(j.name for j in mechanism.joints) != about.joints or not known:
         if given is not None:
             raise InputError(f"a model of '{about.name}'; expected one of {given.name}, the mechanism that is given")

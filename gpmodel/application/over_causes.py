@@ -17,7 +17,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, PlacementNumber, placement_numbers, problem_at
-from gpmodel.calibration.rivals import ROW, UNKNOWNS, of_the_session
+from gpmodel.calibration.rivals import ROW, UNKNOWNS, session_inputs
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria
@@ -37,7 +37,7 @@ ALONG = 0.7
 """Least cosine between an effect and its assigned direction of a ball joint: an angle below 45 degrees."""
 
 
-def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
+def ball_priors(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
     """Return the effects of a ball joint measured alone, transferred to the ball `name` of a machine, as priors.
 
     An effect with value θ ± s along a direction of the socket, over the first or second angle, becomes N(θ, s²) along
@@ -119,7 +119,7 @@ class FittedCause:
 
 
 @dataclass(frozen=True)
-class CausesThere:
+class CauseSet:
     """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
 
     own: effects of the finding, with corrections of its constants. names: parameters of the model
@@ -155,15 +155,15 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     known = {effect.name for effect in fit.model.effects}
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
     residual = residual_of(fit, found.poses, Criteria(), JUDGED)
-    places = [place_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings] or [
-        place_of(residual, None, pool)
+    places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings] or [
+        causes_of(residual, None, pool)
     ]
-    return uncertain(fit, found.poses, places)
+    return with_cause_variance(fit, found.poses, places)
 
 
-def place_of(
+def causes_of(
     residual: Residual, own: Candidate | None, pool: Sequence[Candidate], changes: Sequence[Effect] = ()
-) -> CausesThere:
+) -> CauseSet:
     """Return all candidates that may replace the finding `own`, with probabilities. residual: of the model with `own`.
 
     pool: candidates. changes: corrections of the constants inside the finding, which are also parameters of the model.
@@ -181,7 +181,7 @@ def place_of(
     nothing = _cause(without, system, (), float(likely[-1]))
     stated = _cause(without, system, own.effects, float(likely[-2])) if own else nothing
     names = (*without.problem.placement_names, *without.names)
-    return CausesThere(tuple(e.name for e in inside), names, stated, (*others, *([nothing] if own else [])))
+    return CauseSet(tuple(e.name for e in inside), names, stated, (*others, *([nothing] if own else [])))
 
 
 def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
@@ -216,7 +216,7 @@ def _system_of_fit(residual: Residual) -> Array:
     return np.asarray(np.vstack([problem.columns, believed.rows])[:, problem.free(kept)])
 
 
-def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> Calibration:
+def with_cause_variance(fit: Calibration, poses: Poses, places: Sequence[CauseSet]) -> Calibration:
     """Return a fit whose standard errors include the uncertainty about the causes of its findings.
 
     The fit is unchanged if no finding has a probable alternative. The standard error of a finding assumes that the
@@ -235,7 +235,7 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
     stderr = np.sqrt(np.maximum(fit.stderr**2 + added[first:], 0.0))
     mechanism = fit.model.mechanism
     anywhere = [
-        replace(place, others=tuple(c for c in place.others if not of_the_session(poses, mechanism, c.effects)))
+        replace(place, others=tuple(c for c in place.others if not session_inputs(poses, mechanism, c.effects)))
         for place in places
     ]
     others = _effects(anywhere)
@@ -253,13 +253,13 @@ def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[PlacementNu
     return tuple(replace(p, stderr=max(p.stderr**2 + b.stderr**2 - a.stderr**2, 0.0) ** 0.5) for p, a, b in numbers)
 
 
-def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
+def _effects(places: Sequence[CauseSet]) -> tuple[Effect, ...]:
     """Return the effects of all alternative causes, without duplicates."""
     every = (effect for place in places for cause in place.others for effect in cause.effects)
     return tuple({effect.name: effect for effect in every}.values())
 
 
-def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
+def _moments(fit: Calibration, places: Sequence[CauseSet]) -> Array:
     """Return the second moment of all parameters about the fit, SI units; effects of alternative causes come last."""
     effects = (*fit.model.effects, *_effects(places))
     names = [*fit.covariance.placement, *(effect.name for effect in effects)]

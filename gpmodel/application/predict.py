@@ -8,7 +8,7 @@ import pandas as pd
 
 from gpmodel.application.kinematics import matched_with_readings
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import check_finite, outside
+from gpmodel.application.usable import check_finite, out_of_range
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
@@ -125,7 +125,7 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
             columns[header] = values
         columns["residual [um]"] = 1e6 * np.linalg.norm(given.dataset.position - tip[:, :3, 3], axis=1)
     columns["sigma [mm]"] = 1e3 * point_deviation(saved, poses, observed)
-    columns["outside"] = np.array(outside(saved, poses.states.seen_at(tip[:, :3, 3])), dtype=object)
+    columns["outside"] = np.array(out_of_range(saved, poses.states.seen_at(tip[:, :3, 3])), dtype=object)
     return columns
 
 

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.application.kinematics import REACHED, matched, matched_with_readings, tips
+from gpmodel.application.kinematics import REACHED, matched_with_readings, tips, with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
@@ -143,7 +143,7 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
     Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
     """
     saved = session.saved
-    poses, parts = prepare(saved.mechanism, matched(saved, dataset)), []
+    poses, parts = prepare(saved.mechanism, with_model_labels(saved, dataset)), []
     for rows in batches(len(poses)):
         part = poses.subset(rows)
         parts.append(pose_error(observe(saved.model, part, saved.theta, saved.placement), part.dataset))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.changed_model import with_changes
-from gpmodel.application.kinematics import remembered
+from gpmodel.application.kinematics import with_memory_columns
 from gpmodel.application.model_file import Measured, SavedModel, needed
 from gpmodel.application.next_check import Pool
 from gpmodel.application.possible_changes import SET_UP, PossibleChange
@@ -242,10 +242,10 @@ def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
 
 def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
     """Return the rows of the check, followed by the poses of the fit without their outdated measurements."""
-    data = remembered(saved, data)
+    data = with_memory_columns(saved, data)
     if before.measured is None or data.observations or data.distances:
         return data
-    old = remembered(before, before.measured.dataset)
+    old = with_memory_columns(before, before.measured.dataset)
     if not set(saved.input_units) <= set(old.extras):
         return data
     blank = np.full((len(old), 3), np.nan)

@@ -94,13 +94,13 @@ class _At:
         return len(self.states)
 
 
-def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
+def session_effects(saved: SavedModel) -> tuple[Effect, ...]:
     """Return the effects that depend on the row number or a time, and so on the fitted session."""
     clocks = clock_names(saved.input_units)
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
-def lasting(effect: Effect) -> bool:
+def persists(effect: Effect) -> bool:
     """Return True if an effect persists after its session; errors of the instrument and reversible drift do not
     persist."""
     known = family(effect.family)
@@ -116,14 +116,14 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
     the fitted session.
     """
     found = saved if session else _after_the_session(saved)
-    found = found if session or as_measured else of_the_mechanism(found)
+    found = found if session or as_measured else without_instrument(found)
     effects = tuple(_clamped(effect, saved.ranges) for effect in found.model.effects)
     others = tuple(_clamped(effect, saved.ranges) for effect in found.covariance.alternatives)
     covariance = replace(found.covariance, alternatives=others)
     return replace(found, model=ErrorModel(saved.mechanism, effects), covariance=covariance)
 
 
-def placed_now(saved: SavedModel) -> SavedModel:
+def at_end(saved: SavedModel) -> SavedModel:
     """Return the model with registration and tool of the end of the session.
 
     A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensation does not
@@ -151,8 +151,8 @@ def placed_now(saved: SavedModel) -> SavedModel:
 
 def _after_the_session(saved: SavedModel) -> SavedModel:
     clocks = {name: saved.ranges[name][1] for name in clock_names(saved.input_units) if name in saved.ranges}
-    own = of_the_session(saved)
-    saved = _only(saved, np.array([e not in own or lasting(e) for e in saved.model.effects], dtype=bool))
+    own = session_effects(saved)
+    saved = _only(saved, np.array([e not in own or persists(e) for e in saved.model.effects], dtype=bool))
     effects = tuple(
         replace(effect, terms=tuple(replace(t, basis=Ended(t.basis, clocks)) for t in effect.terms))
         if effect in own
@@ -175,7 +175,7 @@ def check_finite(saved: SavedModel, poses: Poses) -> None:
             check_defined(effect, saved.mechanism, seen)
 
 
-def of_the_mechanism(saved: SavedModel) -> SavedModel:
+def without_instrument(saved: SavedModel) -> SavedModel:
     """Return the model without the errors of the instrument, which change measurements but not the tool's position."""
     return _only(saved, np.array([not effect.of_the_instrument for effect in saved.model.effects], dtype=bool))
 
@@ -231,7 +231,7 @@ def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapp
     return bool(np.abs(beyond - within).max() < 0.5 * np.ptp(within))
 
 
-def outside(saved: SavedModel, states: States) -> tuple[str, ...]:
+def out_of_range(saved: SavedModel, states: States) -> tuple[str, ...]:
     """List, for each pose, the inputs outside the ranges of the fit, with the names of the table; empty if all are
     inside."""
     read = {name for effect in saved.model.effects for name in effect.inputs}

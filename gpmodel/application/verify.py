@@ -24,7 +24,7 @@ from gpmodel.application.possible_changes import (
     visible,
 )
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
-from gpmodel.application.usable import outside, placed_now, usable
+from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.readings import computed
@@ -140,7 +140,7 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         near=near,
         alone=alone.error,
         alone_turn=turn_error(nominal, session.poses.dataset),
-        outside=outside(session.saved, session.poses.states.seen_at(points)),
+        outside=out_of_range(session.saved, session.poses.states.seen_at(points)),
         changes=() if verdict == "another machine" else (*moved, *named),
         visible=visible(near, tried, significance),
         instrument=instrument,
@@ -214,7 +214,7 @@ def misses_of(session: Session, targets: Dataset) -> Array:
     The targets are the points of the nominal arm with the model's tool at the joint values of `targets`, in the
     registration of the session.
     """
-    saved = placed_now(session.saved)
+    saved = at_end(session.saved)
     labels = {**targets.labels, **{c: session.poses.dataset.label(c) for c in ("setup", "tool")}}
     root = tips(saved, replace(targets, labels=labels), nominal=True)[1].tip
     wanted = (saved.placement.roots(session.poses.dataset) @ root)[:, :3, 3]

@@ -115,7 +115,9 @@ def choose(
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
         system, target = ident.remove(taken, np.hstack([beside, columns[:, at]])), ident.remove(taken, target)
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), beside.shape[1])
-        limit = _largest_good(curve)
+        best = min(curve, key=lambda c: c.cv_rms)
+        good = (c for c in curve if c.cv_rms <= best.cv_rms + best.spread)
+        limit = max(good, key=lambda c: c.rank).condition_limit
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])
@@ -134,12 +136,6 @@ def nonzero_in_one_fold(columns: Array, fold: IntArray) -> Mask:
     """
     there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
     return np.asarray(there.sum(axis=0) == 1)
-
-
-def _largest_good(curve: tuple[ident.RankChoice, ...]) -> float:
-    best = min(curve, key=lambda c: c.cv_rms)
-    good = [c for c in curve if c.cv_rms <= best.cv_rms + best.spread]
-    return max(good, key=lambda c: c.rank).condition_limit
 
 
 def _enough(problem: Linearised, held: int) -> None:

@@ -201,7 +201,7 @@ def alternatives_of_constants(
     told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
     for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
         effect, moved = model.effects[k], np.linalg.norm(here.columns_of(candidate) @ sizes) / np.sqrt(len(poses))
-        at = (*poses_and_sizes, of_the_session(poses, model.mechanism, candidate.effects))
+        at = (*poses_and_sizes, session_inputs(poses, model.mechanism, candidate.effects))
         value, moves = float(theta[k]), float(moved)
         rivals.append(Alternative(effect.name, value, effect.unit, candidate, sizes, moves, apart, *at))
     return tuple(sorted(rivals, key=lambda rival: rival.distance))
@@ -244,7 +244,7 @@ def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Altern
     return tuple(best.values())[:LISTED]
 
 
-def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
+def session_inputs(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
     The result is the instrument if an effect acts on the instrument, else all inputs except joint values, the point and
@@ -286,7 +286,7 @@ def _telling(
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
     open_to_poses = [
-        i for i, (_, candidate, _) in enumerate(found) if not of_the_session(poses, mechanism, candidate.effects)
+        i for i, (_, candidate, _) in enumerate(found) if not session_inputs(poses, mechanism, candidate.effects)
     ]
     for k in sorted({found[i][0] for i in open_to_poses}):
         mine = [i for i in open_to_poses if found[i][0] == k]

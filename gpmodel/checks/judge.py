@@ -16,7 +16,7 @@ from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
-from gpmodel.checks.weak_columns import misread, scaled
+from gpmodel.checks.weak_columns import misread_column, scaled
 from gpmodel.errors import InputError
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.mechanism.protocol import Mechanism
@@ -182,7 +182,7 @@ def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     if beyond:
         yield from beyond
         return
-    for told in (misread(mechanism, data, standard), rotations_flaw(mechanism, data)):
+    for told in (misread_column(mechanism, data, standard), rotations_flaw(mechanism, data)):
         if told:
             yield f"{data.source}: {told}"
             return

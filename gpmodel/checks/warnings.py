@@ -13,7 +13,7 @@ from gpmodel.model.error_model import Poses, measured_minus, observe, turn_error
 from gpmodel.model.states import unused_torques
 from gpmodel.numerics.least_squares import outlier_limit, root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove
-from gpmodel.table.bundles import SAME_JOINT, bundles, original, replicates
+from gpmodel.table.bundles import SAME_JOINT, original, repeat_blocks, replicates
 from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 
@@ -95,7 +95,7 @@ def _serial(residual: Array, poses: Poses) -> str | None:
 
     Standard error of ρ: 1 / √pairs; Durbin-Watson statistic 2 - 2 ρ. Source: Durbin and Watson (1950).
     """
-    code = bundles(poses.dataset)
+    code = repeat_blocks(poses.dataset)
     apart = code[1:] != code[:-1]
     scaled = residual - np.nanmean(residual, axis=0) if len(residual) >= JUMP_ROWS else residual[:0]
     products = (scaled[1:] * scaled[:-1])[apart] if len(scaled) else scaled

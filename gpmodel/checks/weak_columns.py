@@ -106,7 +106,7 @@ gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; n
 """
 
 
-def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
+def misread_column(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
     """Describe the column of a joint that hardly moves the point, if an alternative or free angles fit far better.
 
     The residual of registration and tool is larger than the effect of the column. Original and alternative column are

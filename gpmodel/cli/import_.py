@@ -15,7 +15,7 @@ from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.described import boards_of, cameras_of
+from gpmodel.model.described import read_boards, read_cameras
 from gpmodel.model.pixel import WORLD
 from gpmodel.table.cells import table_text
 from gpmodel.table.foreign import ColumnMap, Imported, import_file, read_map, unread
@@ -136,7 +136,7 @@ def _check(made: Imported, file: Path) -> None:
     try:
         for name, content in parts.items():
             if name != "map":
-                {"cameras": cameras_of, "board": boards_of}[name](content, lambda *_: WORLD)
+                {"cameras": read_cameras, "board": read_boards}[name](content, lambda *_: WORLD)
     except InputError as error:
         raise InputError(f"{file.name}: {error}") from None
 

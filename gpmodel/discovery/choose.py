@@ -16,7 +16,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import Offer
-from gpmodel.families.inner import remembered
+from gpmodel.families.inner import lag_constants
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group, Price, group_of
@@ -139,7 +139,7 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
     plain = len(group.effects) <= PLAIN and not group.believed
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
     derived = plain and set(group.inputs).isdisjoint(poses.dataset.extras)
-    inner = group.inner or (remembered(group.name, effects, poses.states.unit_of_constant) if derived else None)
+    inner = group.inner or (lag_constants(group.name, effects, poses.states.unit_of_constant) if derived else None)
     return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, inner)
 
 

@@ -14,7 +14,7 @@ from gpmodel.discovery.state import FinalFit, State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
-from gpmodel.families.outline import PRINTED, Outline, in_words, outline_of
+from gpmodel.families.outline import PRINTED, Outline, candidate_outline, in_words
 from gpmodel.table.bundles import JUDGED
 
 STEPS = 6
@@ -117,7 +117,7 @@ def constants_in_words(
     at = [e.name for e in fit.model.effects]
     own = [at.index(change.effect.name) for change in changes]
     constants, deviations = [change.constant for change in changes], np.where(fit.free[own], fit.stderr[own], np.inf)
-    drawn = outline_of(candidate)
+    drawn = candidate_outline(candidate)
     if drawn is None:
         for constant, deviation in zip(constants, deviations.tolist(), strict=True):
             yield FittedConstant(
@@ -135,7 +135,7 @@ def constants_in_words(
 
 def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
     """Return the derivatives of the position and of the width of a bump or step by a constant inside its formula."""
-    beside = [outline_of(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
+    beside = [candidate_outline(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
     below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
     step = 2.0 * STEP * constant.value
     return (above.at - below.at) / step, (above.width - below.width) / step

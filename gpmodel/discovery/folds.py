@@ -22,7 +22,7 @@ from gpmodel.executor import Forks, called, called_beside
 from gpmodel.families.candidate import is_program
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Reporter, silent
-from gpmodel.table.bundles import JUDGED, bundles, folds
+from gpmodel.table.bundles import JUDGED, folds, repeat_blocks
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 """The whole discovery loop with its settings, as a function of poses, training rows and held-out rows."""
@@ -42,7 +42,7 @@ def discover_by_folds(
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
     poses, everything, _ = drop_duplicate_rows(poses, np.arange(len(poses)), nothing, Reporter(silent))
-    units = int(bundles(poses.dataset).max()) + 1
+    units = int(repeat_blocks(poses.dataset).max()) + 1
     if not 2 <= count <= units:
         raise InputError(f"{count}, expected 2 to {units}, the number of groups of poses", "folds")
     fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))

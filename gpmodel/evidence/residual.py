@@ -17,7 +17,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import Omitted, outlier_limit
-from gpmodel.table.bundles import bundles, folds, replicates, stretches
+from gpmodel.table.bundles import folds, repeat_blocks, replicates, stretches
 from gpmodel.table.dataset import Dataset
 
 
@@ -27,7 +27,7 @@ def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     Poses with one value of `group` or `repeat` in the table form a block. If these blocks are too few for a permutation
     test, only rows that measure one pose form a block.
     """
-    codes = bundles(dataset)
+    codes = repeat_blocks(dataset)
     if codes.max(initial=-1) + 1 < criteria.fewest_bundles:
         codes = replicates(dataset, whatever=bool(dataset.observations))
     _, first, of_pose = np.unique(codes, return_index=True, return_inverse=True)

@@ -304,10 +304,10 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
 def product_of(first: Program, second: Program) -> Program:
     """Return the product of two programs. Constants that are equal only because of the grid are fitted separately."""
     apart = [value * APART if value in first.constants else value for value in second.constants]
-    return joined("multiply", first, second.with_constants(apart))
+    return combine("multiply", first, second.with_constants(apart))
 
 
-def joined(operator: str, *programs: Program) -> Program:
+def combine(operator: str, *programs: Program) -> Program:
     """Return an operator applied to programs that have one output each."""
     builder = Builder()
     return builder.program([builder.apply(operator, *(builder.copy(one)[one.outputs[0]] for one in programs))])

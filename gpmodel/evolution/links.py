@@ -14,7 +14,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.founders import joined
+from gpmodel.evolution.founders import combine
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
 from gpmodel.formula.expression import parse, raise_to
 from gpmodel.formula.operators import BY_NAME
@@ -66,7 +66,7 @@ class LinkFunction:
         terms = [parse("1")]
         for name, column in inputs.items():
             if self.with_inputs and np.all(np.isfinite(self.forward(column))):
-                terms.append(joined(self.operator, parse(repr(name))))
+                terms.append(combine(self.operator, parse(repr(name))))
         return terms
 
     def targets(self, inputs: Mapping[str, Array], response: Array) -> Targets:
@@ -113,10 +113,10 @@ class LinkFunction:
         if self.operator == "log":
             return _product(terms)
         if not below:
-            return joined(self.inverse, summed(terms)) if self.inverse else summed(terms)
+            return combine(self.inverse, summed(terms)) if self.inverse else summed(terms)
         one = 1.0 - sum(c * mean for _, c, mean in below)
         over = [(term, c / one) for term, c in terms]
-        return joined("divide", summed(over), summed([(parse("1"), 1.0), *((term, c / one) for term, c, _ in below)]))
+        return combine("divide", summed(over), summed([(parse("1"), 1.0), *((term, c / one) for term, c, _ in below)]))
 
 
 LINKS = (
@@ -136,7 +136,7 @@ def below_the_bar(values: Array, response: Array) -> Array:
 
 def summed(terms: Sequence[tuple[Program, float]]) -> Program:
     """Return the sum of programs, each multiplied by its coefficient."""
-    return reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
+    return reduce(lambda one, other: combine("add", one, other), (_scaled(*term) for term in terms))
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
@@ -177,7 +177,7 @@ def _scaled(program: Program, coefficient: float) -> Program:
     number = exactly(coefficient)
     if not program.inputs:
         return number
-    return program if number.constants == (1.0,) else joined("multiply", number, program)
+    return program if number.constants == (1.0,) else combine("multiply", number, program)
 
 
 def _product(terms: Sequence[tuple[Program, float]]) -> Program:
@@ -191,8 +191,8 @@ def _product(terms: Sequence[tuple[Program, float]]) -> Program:
             base = Builder(list(program.nodes)).program(last.arguments)
             factors.append(_power(base, half))
         else:
-            factors.append(joined("exp", _scaled(program, coefficient)))
-    return reduce(lambda one, other: joined("multiply", one, other), [exactly(float(np.exp(level))), *factors])
+            factors.append(combine("exp", _scaled(program, coefficient)))
+    return reduce(lambda one, other: combine("multiply", one, other), [exactly(float(np.exp(level))), *factors])
 
 
 def _power(base: Program, half: int) -> Program:

@@ -17,7 +17,7 @@ import numpy as np
 
 from gpmodel.arrays import LARGEST, Array
 from gpmodel.evolution.constants import polish
-from gpmodel.evolution.founders import ELEMENTS, constant, joined
+from gpmodel.evolution.founders import ELEMENTS, combine, constant
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.shorter import shorter_forms
@@ -211,13 +211,13 @@ def _joined(population: Formulas, program: Program, values: Array, name: str, el
     size = program.complexity + 2 + SIZES
 
     def factor(k: int) -> Program:
-        return joined("multiply", program, ELEMENTS.every[k].program(plain, low, width))
+        return combine("multiply", program, ELEMENTS.every[k].program(plain, low, width))
 
     def summand(k: int) -> Program:
         element = ELEMENTS.every[k].program(plain, low, width)
         both = np.vstack([values, element.evaluate(population.columns)[0]])
         one, other = problem.targets.set_gain(both, 0)[1].tolist()
-        return joined("add", program, joined("multiply", constant(other / (one or 1.0)), element))
+        return combine("add", program, combine("multiply", constant(other / (one or 1.0)), element))
 
     gains = problem.targets.gains(values * elements)[:, 0]
     yield from _of_each_text(np.asarray(problem.nats(gains, size)), factor)
@@ -244,7 +244,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
 
             def build(name: str = name, tangent: Array = tangent, moved: Program = moved) -> Program:
                 one, other = problem.targets.set_gain(np.vstack([values, tangent]), 0)[1].tolist()
-                term = joined("multiply", constant(other / one if one else 0.1), parse(repr(name)))
+                term = combine("multiply", constant(other / one if one else 0.1), parse(repr(name)))
                 return moved.with_inputs({"z": term})
 
             yield _Trial(nats, build)
@@ -275,7 +275,7 @@ def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
             if len(parts) > 1 and part not in parts:
                 whole = changed[0]
                 for further in changed[1:]:
-                    whole = joined(operator, whole, further)
+                    whole = combine(operator, whole, further)
                 yield whole
 
 

@@ -17,7 +17,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.formulas import formulas_at
-from gpmodel.evolution.founders import joined
+from gpmodel.evolution.founders import combine
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.links import LINKS, PRICE, LinkFunction, below_the_bar, exactly
@@ -260,4 +260,4 @@ def _scaled(program: Program, factor: float) -> Program:
         factor *= float(program.nodes[root.arguments[0]].value or 0.0)
         program = replace(program, outputs=(root.arguments[1],)).select([0])
     number = exactly(factor)
-    return program if number.constants == (1.0,) else joined("multiply", number, program)
+    return program if number.constants == (1.0,) else combine("multiply", number, program)

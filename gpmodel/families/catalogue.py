@@ -230,7 +230,8 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
     found = _of_full_name(name, pool)
-    joints = _joints_by_word(mechanism)
+    joints = {word: j.name for j in mechanism.joints for word in (j.name.removeprefix("_"), j.name)}
+    joints = {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)} | joints
     wanted = [c for c in pool if all(joints.get(w, w) in _words(c.name) for w in words)]
     if not found and words and len({c.effects[0].slots for c in wanted}) > 1 and not any(map(joints.get, words)):
         few = choices(name, (c.name for c in wanted))
@@ -264,13 +265,6 @@ def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Seque
         if (values := inner.read(name)) is not None:
             return inner.at(values).effects
     return ()
-
-
-def _joints_by_word(mechanism: Mechanism) -> dict[str, str]:
-    """Map each word for a joint to the joint's name. Words are the name, with or without a leading underscore, and the
-    number, as in J2."""
-    named = {word: j.name for j in mechanism.joints for word in (j.name.removeprefix("_"), j.name)}
-    return {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)} | named
 
 
 def _words(text: str) -> list[str]:

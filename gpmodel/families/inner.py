@@ -170,7 +170,7 @@ NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
 """Name of the constant of each kind of column with memory (lag, play, stop)."""
 
 
-def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
+def lag_constants(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
     """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, with their
     template.
 

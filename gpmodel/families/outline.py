@@ -63,7 +63,7 @@ def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple
     return tuple(new if names.count(new.name) == 1 else old for new, old in zip(named, candidates, strict=True))
 
 
-def outline_of(candidate: Candidate) -> Outline | None:
+def candidate_outline(candidate: Candidate) -> Outline | None:
     """Return the shape of a candidate of one effect and no family, or None for any other candidate."""
     one = len(candidate.effects) == 1 and not candidate.family
     basis = candidate.bases[0]
@@ -71,7 +71,7 @@ def outline_of(candidate: Candidate) -> Outline | None:
 
 
 def _named(candidate: Candidate, units: Mapping[str, str]) -> Candidate:
-    found = outline_of(candidate)
+    found = candidate_outline(candidate)
     if found is None:
         return candidate
     factor, unit = PRINTED.get(units[found.of], (1.0, units[found.of]))

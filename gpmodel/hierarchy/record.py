@@ -32,7 +32,7 @@ from gpmodel.application.model_reader import (
 from gpmodel.errors import InputError
 from gpmodel.files import to_json
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.branches import same_machine, tip_at_probe
+from gpmodel.mechanism.branches import same_machine, tip_at_trial
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel
@@ -310,7 +310,7 @@ def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
     Raises InputError if the machines of the fleet have other joints or another nominal geometry.
     """
     joints = tuple(joint.name for joint in mechanism.joints)
-    if fleet.joints != joints or not same_machine(fleet.tip_at_probe_m, tip_at_probe(mechanism)):
+    if fleet.joints != joints or not same_machine(fleet.tip_at_probe_m, tip_at_trial(mechanism)):
         raise InputError(
             f"is of machines of another type, {fleet.mechanism} with joints {', '.join(fleet.joints)}; expected "
             f"{mechanism.name} with {', '.join(joints)}", "fleet",

@@ -83,7 +83,7 @@ TIP_TOLERANCE = 1e-7
 """Largest distance between the tips of two descriptions of one machine, m: a rounding error."""
 
 
-def probe(mechanism: Mechanism) -> Array:
+def trial_pose(mechanism: Mechanism) -> Array:
     """Return one trial pose (1, joints) with all joints off zero; if closed loops do not close at this pose, a pose
     near the middle of the limits."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
@@ -94,9 +94,9 @@ def probe(mechanism: Mechanism) -> Array:
     return q
 
 
-def tip_at_probe(mechanism: Mechanism) -> Array:
+def tip_at_trial(mechanism: Mechanism) -> Array:
     """Return the tip (3,), m, at one trial pose: a fingerprint of the nominal geometry up to the measured frame."""
-    return np.asarray(chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3])
+    return np.asarray(chain(mechanism.transforms(trial_pose(mechanism)))[-1][0, :3, 3])
 
 
 def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
@@ -135,7 +135,7 @@ def branched(mechanism: Mechanism) -> Branched | None:
     return bare if isinstance(bare, Branched) else None
 
 
-def stands(tree: Branched) -> list[int]:
+def mounting_slots(tree: Branched) -> list[int]:
     """Return the positions in `slots` at which a further arm is mounted on a slot that carries another arm.
 
     The first arm at each slot is not listed, nor are measured tips, whose slot is the tool.
@@ -145,7 +145,7 @@ def stands(tree: Branched) -> list[int]:
     return [i for i in found if tree.slots[i] not in tips]
 
 
-def lineage(mechanism: Mechanism) -> Mask:
+def moves_with(mechanism: Mechanism) -> Mask:
     """Return a mask (slots, slots): True if an error at one slot moves the frame of the other, a later slot of its
     chain or the slot itself."""
     tree, count = branched(mechanism), len(mechanism.slots)

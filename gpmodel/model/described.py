@@ -28,7 +28,7 @@ Slot = Callable[[str, str], int]
 """Function of a link's name and its location in a file; returns the number of the slot that carries the link."""
 
 
-def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
+def read_cameras(content: object, slot: Slot) -> tuple[Camera, ...]:
     """Read [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3], solve."""
     out = []
     for name, table in _named(content, "cameras", "camera"):
@@ -54,7 +54,7 @@ def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
     return tuple(out)
 
 
-def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
+def read_boards(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
     """Read [board.NAME]; return each board with {marker: corner (3,), m}.
 
     A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or [board.NAME.points_mm]
@@ -81,7 +81,7 @@ def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Ar
     return tuple(out)
 
 
-def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
+def read_surfaces(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
     """Read [plane.NAME], [sphere.NAME] and [line.NAME].
 
     Returns the surfaces of one artefact, whose relative poses are known, and free spheres of known diameter.

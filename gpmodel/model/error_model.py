@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError, OpenLoopsError, choices
-from gpmodel.mechanism.branches import assembled, branched, lineage
+from gpmodel.mechanism.branches import assembled, branched, moves_with
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect
 from gpmodel.model.observation import Observation, Own, Tips, observations
@@ -201,7 +201,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     seen, loops = np.concatenate([register[None] @ frames, own[None]]), closed(model.mechanism)
     tips = Tips(tip, register @ tip, frames)
     return Observed(
-        tips, seen, twists, kinds, _completed(placement.anchors, kinds, tips), lineage(model.mechanism), tip_slot,
+        tips, seen, twists, kinds, _completed(placement.anchors, kinds, tips), moves_with(model.mechanism), tip_slot,
         loops.carried if loops else None,
     )  # fmt: skip
 

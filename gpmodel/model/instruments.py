@@ -9,7 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import carrier_slot
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.described import boards_of, cameras_of, features_of
+from gpmodel.model.described import read_boards, read_cameras, read_surfaces
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.observation import Observation
 from gpmodel.model.pixel import FEWEST_CORNERS, Pixels
@@ -43,7 +43,7 @@ def with_observations(
 
 
 def _touches(dataset: Dataset) -> Iterator[Touches]:
-    fixed, free = features_of(dataset.described.get("surfaces", {}))
+    fixed, free = read_surfaces(dataset.described.get("surfaces", {}))
     sized = {(f.surface, f.label): f for f in free}
     there = {(f.surface, f.label): k for k, f in enumerate(fixed)}
     body = np.full(len(dataset), -1)
@@ -128,7 +128,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
     def slot(link: str, where: str) -> int:
         return carrier_slot(mechanism, link, where)
 
-    cameras, boards = cameras_of(dataset.described["cameras"], slot), boards_of(dataset.described["board"], slot)
+    cameras, boards = read_cameras(dataset.described["cameras"], slot), read_boards(dataset.described["board"], slot)
     by_name = {c.name: i for i, c in enumerate(cameras)}
     markers = {m: (i, at) for i, (board, corners) in enumerate(boards) for m, at in _spelled(board.name, corners)}
     camera, board = np.full(len(dataset), -1), np.full(len(dataset), -1)

@@ -99,7 +99,7 @@ class Observation(Protocol):
         """Return initial values of the unknowns. Raises InputError if the measurements do not determine them."""
 
 
-class AtTheTip:
+class OfTip:
     """Base class of observations that depend on the frame of the tip alone."""
 
     kept: ClassVar[tuple[str, ...]] = ()
@@ -113,7 +113,7 @@ class AtTheTip:
         return value + step
 
 
-class NothingOwn(AtTheTip):
+class WithoutUnknowns(OfTip):
     """Base class of observations of the tip without unknowns other than registration and tool."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -139,7 +139,7 @@ class NothingOwn(AtTheTip):
 
 
 @dataclass(frozen=True)
-class Point(NothingOwn):
+class Point(WithoutUnknowns):
     """Position of the tip in the frame of the instrument: values (poses, 3), m."""
 
     values: Array
@@ -160,7 +160,7 @@ class Point(NothingOwn):
 
 
 @dataclass(frozen=True)
-class Orientation(NothingOwn):
+class Orientation(WithoutUnknowns):
     """Orientation of the tip in the frame of the instrument: rotation vectors (poses, 3), rad.
 
     The residual is the rotation vector of the measured rotation matrix times the transpose of the predicted one.
@@ -193,7 +193,7 @@ class Orientation(NothingOwn):
 
 
 @dataclass(frozen=True)
-class Distance(AtTheTip):
+class Distance(OfTip):
     """Distance of the tip from an anchor fixed to the mechanism's root, plus a zero: one value per pose, m.
 
     The distance of a tip p is |p - a| + z, with the unknown position a (3,) of the anchor in the root frame and the

@@ -10,7 +10,7 @@ import numpy as np
 from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
-from gpmodel.mechanism.branches import branched, stands
+from gpmodel.mechanism.branches import branched, mounting_slots
 from gpmodel.mechanism.protocol import AXES, Mechanism, closed, followers
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.memory import read_by
@@ -148,7 +148,7 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
     twists at its mounting.
     """
     loops, tree = closed(mechanism), branched(mechanism)
-    stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
+    stand = [mechanism.slots[i] for i in mounting_slots(tree)] if tree else []
     links = [*(joint.name for joint in mechanism.joints), *followers(mechanism)]
     slots = [*stand, *(f"{name}.moving" for name in links)]
     return tuple(

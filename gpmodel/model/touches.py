@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
-from gpmodel.model.observation import AtTheTip, Own, Tips
+from gpmodel.model.observation import OfTip, Own, Tips
 from gpmodel.model.surfaces import SURFACES, Surface, aligned
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
@@ -75,7 +75,7 @@ class Artefact:
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(AtTheTip):
+class Touches(OfTip):
     """Gaps of tool point and touched surface, measured as zero, m. body, feature: numbers of the surface, or -1."""
 
     name: str

@@ -62,7 +62,8 @@ def _sizes(report: Report) -> Iterator[Picture]:
         said = "; ".join(f"{n} {millimetres(rms(e))} mm RMS" for n, e, _ in errors)
         pair = [report.title(r) for r in report.ladder if r.step in report.before_and_after()]
         shown = [e for e in errors if e[0] in pair]
-        which = _which(report)
+        data = report.data
+        which = f"{data.heldout} held-out {data.unit}" if report.held else f"the training {data.unit}"
         yield Picture(
             "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
             f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
@@ -94,11 +95,6 @@ def _errors(report: Report) -> list[tuple[str, Array, str]]:
             last = k == len(report.ladder) - 1
             out.append((report.title(rung), error, AFTER if last else AXIS if rung.step == REGISTRATION else middle))
     return out
-
-
-def _which(report: Report) -> str:
-    data = report.data
-    return f"{data.heldout} held-out {data.unit}" if report.held else f"the training {data.unit}"
 
 
 def _ladder(figure: Figure, report: Report, rungs: list[StepRecord]) -> None:

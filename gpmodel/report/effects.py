@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values
-from gpmodel.application.kinematics import remembered
+from gpmodel.application.kinematics import with_memory_columns
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, Mask
@@ -173,7 +173,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
         return [None] * len(groups)
     saved, rng = usable(saved_model(final, poses), as_measured=True), np.random.default_rng(0)
     try:
-        data = remembered(saved, poses.dataset)
+        data = with_memory_columns(saved, poses.dataset)
     except InputError:
         return [None] * len(groups)
     anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng, data.q), rng)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.application.further import heldout_fits, shipped
+from gpmodel.application.further import heldout_fits, saved_step
 from gpmodel.application.model_file import SavedModel
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -121,7 +121,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
     parts = heldout_fits(discovery)
-    ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, shipped(discovery), parts)
+    ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, saved_step(discovery), parts)
     common = build("discover", ladder, origin)
     if discovery.folds:
         common = _by_folds(common, discovery)

@@ -16,7 +16,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.errors import InputError, choices
-from gpmodel.mechanism.branches import tip_at_probe
+from gpmodel.mechanism.branches import tip_at_trial
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.observation import observations
@@ -55,7 +55,7 @@ def versions() -> dict[str, str]:
 
 def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:
     """Return the record of the mechanism, with the joint names of the table."""
-    x, y, z = tip_at_probe(mechanism).tolist()
+    x, y, z = tip_at_trial(mechanism).tolist()
     sliding = tuple(names[j.name] for j in mechanism.joints if j.kind == "prismatic")
     return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z), sliding)
 

@@ -41,7 +41,7 @@ SAMPLE = 50
 """Number of poses that are searched for clusters first, so that a large table without clusters is recognised early."""
 
 
-def bundles(dataset: Dataset) -> IntArray:
+def repeat_blocks(dataset: Dataset) -> IntArray:
     """Return the number of the block ("bundle") of each row, from 0.
 
     A block is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a block.
@@ -272,7 +272,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"{fraction}, expected a share above 0 and below 1, as in 0.3", "holdout")
-    of_pose = bundles(dataset)
+    of_pose = repeat_blocks(dataset)
     order = rng.permutation(of_pose.max() + 1)
     sizes = np.bincount(of_pose)[order]
     held = order[: int(np.searchsorted(np.cumsum(sizes), fraction * len(dataset), side="left")) + 1]
@@ -297,7 +297,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
 
 def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
     """Return the fold of each row for cross-validation; blocks of rows are not split, folds have nearly equal size."""
-    of_pose = bundles(dataset)
+    of_pose = repeat_blocks(dataset)
     n = int(of_pose.max()) + 1
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
     fold_of_bundle[rng.permutation(n)] = np.arange(n) % min(count, n)

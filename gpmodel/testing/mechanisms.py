@@ -168,7 +168,8 @@ def _check_loops(mechanism: Mechanism, loops: ClosedLoops, q: Array, rng: np.ran
 
 
 def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
-    added = _payload_loads(mechanism, q)
+    bare, loaded = (mechanism.loads(q, np.full(len(q), mass)) for mass in (0.0, PAYLOAD))
+    added = {name: values - bare.get(name, np.zeros(len(q))) for name, values in loaded.items()}
     assert added, "loads are empty with a payload: a payload needs no masses of the links"
     missing = {f"torque_{j.name}" for j in mechanism.joints} - set(added)
     assert not missing, f"loads do not contain {sorted(missing)}"
@@ -195,12 +196,6 @@ def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
             f"torque_{joint.name} of a payload differs from minus the derivative of the potential energy by "
             f"{miss:.3g} of {np.abs(work).max():.3g} (positive where gravity pushes the coordinate up)"
         )
-
-
-def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
-    loaded = mechanism.loads(q, np.full(len(q), PAYLOAD))
-    bare = mechanism.loads(q, np.zeros(len(q)))
-    return {name: values - bare.get(name, np.zeros(len(q))) for name, values in loaded.items()}
 
 
 def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:

@@ -27,7 +27,7 @@ from gpmodel.application.exports.rigid import refitted
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.application.usable import usable, without_instrument
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.branches import random_poses
@@ -219,7 +219,7 @@ def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model,
     assert [len(side) for side in sides] == [5, 5, 5]
     joints = [f"{j.name} [deg]" for j in model.mechanism.joints]
     assert grid.notna().all(axis=None)
-    real = points_in_root(of_the_mechanism(usable(model.saved)), grid, joints)
+    real = points_in_root(without_instrument(usable(model.saved)), grid, joints)
     wanted = grid[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
     np.testing.assert_allclose(real, wanted, atol=1e-6)
 
@@ -234,7 +234,7 @@ def test_a_controller_that_interpolates_in_the_grid_misses_by_what_is_said(model
     between = RegularGridInterpolator(sides, grid.to_numpy().reshape(5, 5, 5, -1))
     low, high = np.array([(side[0], side[-1]) for side in sides]).T
     fresh = pd.DataFrame(between(np.random.default_rng(3).uniform(low, high, (150, 3))), columns=grid.columns)
-    joints, saved = [f"{j.name} [deg]" for j in model.mechanism.joints], of_the_mechanism(usable(model.saved))
+    joints, saved = [f"{j.name} [deg]" for j in model.mechanism.joints], without_instrument(usable(model.saved))
     nominal_tip = tips(saved, at_joints(saved, grid[joints]), nominal=True)[1].tip[0]
     frames = np.repeat(nominal_tip[None], len(fresh), axis=0)
     frames[:, :3, 3] = fresh[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3

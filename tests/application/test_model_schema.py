@@ -15,7 +15,7 @@ from model_cases import CASES, fitted, refused, sealed
 
 import gpmodel as gp
 from gpmodel.application.compensate import compensate, joint_targets
-from gpmodel.application.kinematics import matched
+from gpmodel.application.kinematics import with_model_labels
 from gpmodel.application.model_file import check_kept, load_model, model_text, save_model, unfitted
 from gpmodel.application.model_reader import LARGEST_FILE, EffectPart
 from gpmodel.application.predict import predicted_columns
@@ -240,7 +240,8 @@ def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     save_model(tmp_path / "model.json", saved, remark="anything")
     again = load_model(tmp_path / "model.json")
     tips = [
-        observe(m.model, prepare(m.mechanism, matched(m, dataset)), m.theta, m.placement).tip for m in (saved, again)
+        observe(m.model, prepare(m.mechanism, with_model_labels(m, dataset)), m.theta, m.placement).tip
+        for m in (saved, again)
     ]
     np.testing.assert_array_equal(tips[0], tips[1])
     np.testing.assert_array_equal(saved.stderr, again.stderr)
@@ -308,18 +309,18 @@ def test_tables_must_fit_the_model() -> None:
     saved, dataset = fitted("input")
     data = replace(dataset, extras={}, extra_units={})
     with pytest.raises(InputError, match=r"column 'temperature \[degC\]' is missing"):
-        matched(saved, data)
+        with_model_labels(saved, data)
     with pytest.raises(InputError, match=r"in \[kelvin\].*\[degC\]"):
-        matched(saved, replace(dataset, extra_units={"temperature": "kelvin"}))
+        with_model_labels(saved, replace(dataset, extra_units={"temperature": "kelvin"}))
     labelled = replace(dataset, labels={"setup": np.full(40, "elsewhere")})
     with pytest.raises(InputError, match="setup 'elsewhere' is unknown"):
-        matched(saved, labelled)
+        with_model_labels(saved, labelled)
 
 
 def test_payload_said_at_calibration_is_that_of_prediction() -> None:
     saved, dataset = fitted("geometry")
     loaded = replace(saved, model=replace(saved.model, mechanism=MechanismChoice("irb6400r", payload=25.0).load()))
-    assert (matched(loaded, dataset).payload == 25.0).all()
+    assert (with_model_labels(loaded, dataset).payload == 25.0).all()
 
 
 def test_basis_without_a_text_cannot_be_saved() -> None:

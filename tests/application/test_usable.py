@@ -17,9 +17,9 @@ from gpmodel.api.model import POINTS, Point
 from gpmodel.application.exports.rigid import note_of, refitted
 from gpmodel.application.further import POSES, further_poses
 from gpmodel.application.model_file import SavedModel, load_model, save_model, saved_model
-from gpmodel.application.over_causes import CausesThere, over_causes, place_of, uncertain
+from gpmodel.application.over_causes import CauseSet, causes_of, over_causes, with_cause_variance
 from gpmodel.application.predict import coordinate_deviations, observed_by, placement_columns, predicted_columns
-from gpmodel.application.usable import REACHES, placed_now, usable
+from gpmodel.application.usable import REACHES, at_end, usable
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.loop import discover
@@ -221,7 +221,7 @@ def test_where_tool_and_robot_are_now_predicts_the_same(name: str, what: str) ->
     arm = gp.load_mechanism(name)
     made = gp.simulate(arm, [what], poses=60, noise="0.02 mm", seed=3)
     left = usable(gp.calibrate(arm, made.table, [what.split("=")[0]], holdout=0.0).model.saved)
-    placed = placed_now(left)
+    placed = at_end(left)
     assert len(placed.theta) == len(left.theta) - 1
     points = [pd.DataFrame(predicted_columns(saved, made.table))[LENGTHS].to_numpy() for saved in (left, placed)]
     np.testing.assert_allclose(points[0], points[1], atol=1e-9)
@@ -295,7 +295,7 @@ OTHER = "base compliance"
 
 
 @cache
-def doubted() -> tuple[Calibration, Calibration, Poses, CausesThere]:
+def doubted() -> tuple[Calibration, Calibration, Poses, CauseSet]:
     """A compliance and a tilt of the base, fitted with a wave at the shoulder and with the compliance; the place of the
     wave, where the compliance is three times in ten."""
     arm, data = mechanism(ARM), bare(ARM, 120, 3, payload=False)
@@ -313,7 +313,7 @@ def doubted() -> tuple[Calibration, Calibration, Poses, CausesThere]:
 
     fit, instead = with_(FOUND), with_(RIVAL)
     residual = residual_of(fit, truth.poses, Criteria(), JUDGED)
-    place = place_of(residual, pool[FOUND], [pool[RIVAL]])
+    place = causes_of(residual, pool[FOUND], [pool[RIVAL]])
     (other,) = (cause for cause in place.others if cause.effects == pool[RIVAL].effects)
     return fit, instead, truth.poses, replace(place, others=(replace(other, probability=0.3),))
 
@@ -322,7 +322,7 @@ def doubted() -> tuple[Calibration, Calibration, Poses, CausesThere]:
 def test_every_standard_error_is_the_root_of_the_total_variance_of_fits_with_each_cause() -> None:
     """Σ p (σ² + (value - stated)²) of the geometry, of the other finding, of registration and tool."""
     fit, instead, poses, place = doubted()
-    stated = uncertain(fit, poses, [place])
+    stated = with_cause_variance(fit, poses, [place])
     common = len(geometric_effects(fit.model.mechanism)) + 1
     values, others, stderr, theirs, both = (
         np.array([*numbers[:common][fit.free[:common]], *(getattr(p, what) for p in one.placement_numbers)])
@@ -340,7 +340,7 @@ def test_every_standard_error_is_the_root_of_the_total_variance_of_fits_with_eac
 @pytest.mark.long
 def test_the_standard_error_of_a_finding_holds_if_it_is_the_cause() -> None:
     fit, _, poses, place = doubted()
-    stated = uncertain(fit, poses, [place])
+    stated = with_cause_variance(fit, poses, [place])
     own = [name in place.own for name in (e.name for e in fit.model.effects)]
     np.testing.assert_allclose(stated.stderr[own], fit.stderr[own], rtol=1e-9)
 
@@ -349,7 +349,7 @@ def test_the_standard_error_of_a_finding_holds_if_it_is_the_cause() -> None:
 def test_a_prediction_is_uncertain_by_what_another_cause_would_make_of_it(tmp_path: Path) -> None:
     """Where the arm was measured both causes predict nearly the same, although their parameters differ by far."""
     fit, instead, poses, place = doubted()
-    stated = uncertain(fit, poses, [place])
+    stated = with_cause_variance(fit, poses, [place])
     new = bare(ARM, 300, 9, payload=False)
     tips = [observed_by(saved_model(one, poses), prepare(fit.model.mechanism, new))[1].tip for one in (fit, instead)]
     apart = 0.3 * (tips[0] - tips[1])[:, :3, 3] ** 2
@@ -364,8 +364,8 @@ def test_a_prediction_is_uncertain_by_what_another_cause_would_make_of_it(tmp_pa
 def test_where_nothing_else_is_likely_nothing_changes() -> None:
     fit, _, poses, place = doubted()
     rare = replace(place, others=tuple(replace(cause, probability=5e-4) for cause in place.others))
-    assert uncertain(fit, poses, [rare]) is fit
-    assert uncertain(fit, poses, [replace(place, others=())]) is fit
+    assert with_cause_variance(fit, poses, [rare]) is fit
+    assert with_cause_variance(fit, poses, [replace(place, others=())]) is fit
 
 
 @pytest.mark.long

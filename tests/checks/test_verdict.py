@@ -15,7 +15,7 @@ from gpmodel.api.check import check
 from gpmodel.api.results import write_numbers
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw
-from gpmodel.checks.weak_columns import Factor, misread
+from gpmodel.checks.weak_columns import Factor, misread_column
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
@@ -97,7 +97,7 @@ WRONG: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
 def test_a_wrist_that_is_read_wrongly_is_named_though_it_leaves_a_millimetre(case: str, offset: float) -> None:
     mechanism, data = measured(offset)
     change, said = WRONG[case]
-    text = misread(mechanism, column(data, change), geometric_effects(mechanism))
+    text = misread_column(mechanism, column(data, change), geometric_effects(mechanism))
     assert text is not None
     assert f"column '{mechanism.joints[5].name}'" in text
     assert said in text
@@ -108,7 +108,7 @@ def test_a_wrist_that_is_read_wrongly_is_named_though_it_leaves_a_millimetre(cas
 def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
     mechanism, data = measured(offset)
     rng = np.random.default_rng(2)
-    text = misread(
+    text = misread_column(
         mechanism,
         column(data, rng.permutation if change == "shuffled" else lambda q: np.roll(q, 1)),
         geometric_effects(mechanism),
@@ -119,7 +119,7 @@ def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
 @pytest.mark.parametrize("offset", some([0.0, 3e-4, 1.5e-3], 1.5e-3))
 def test_a_wrist_that_is_read_rightly_is_not(offset: float) -> None:
     mechanism, data = measured(offset)
-    assert misread(mechanism, data, geometric_effects(mechanism)) is None
+    assert misread_column(mechanism, data, geometric_effects(mechanism)) is None
 
 
 def written(data: Dataset, convention: str) -> Dataset:

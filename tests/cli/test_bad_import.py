@@ -9,7 +9,7 @@ from instrument_cases import OTHERS
 
 import gpmodel as gp
 from gpmodel.errors import InputError
-from gpmodel.model.described import boards_of, cameras_of, features_of
+from gpmodel.model.described import read_boards, read_cameras, read_surfaces
 from gpmodel.model.pixel import WORLD
 
 SIX = "[0, 0, 0, 0, 0, 0]"
@@ -126,9 +126,12 @@ DESCRIBED = {
 @pytest.mark.parametrize("case", DESCRIBED)
 def test_what_no_instrument_is_is_refused(case: str) -> None:
     name, content, said = DESCRIBED[case]
-    reads = {"cameras": lambda c: cameras_of(c, lambda *_: WORLD), "board": lambda c: boards_of(c, lambda *_: WORLD)}
+    reads = {
+        "cameras": lambda c: read_cameras(c, lambda *_: WORLD),
+        "board": lambda c: read_boards(c, lambda *_: WORLD),
+    }
     with pytest.raises(InputError) as caught:
-        reads.get(name, features_of)(content)
+        reads.get(name, read_surfaces)(content)
     assert said in str(caught.value)
 
 

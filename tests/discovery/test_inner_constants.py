@@ -11,7 +11,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.refinement import inner_changes, moved
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
-from gpmodel.families.inner import law_name, remembered
+from gpmodel.families.inner import lag_constants, law_name
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
@@ -92,7 +92,7 @@ def test_constants_move_into_the_law_and_its_name() -> None:
 @pytest.mark.parametrize(("value", "lag"), [(-5.3, "15"), (1.0, "15"), (29.5, "29p5"), (70.0, "70")])
 def test_a_lag_keeps_its_sign_whatever_the_step(value: float, lag: str) -> None:
     effects = law("lag_T_30*J3").effects
-    inner = remembered("lag_T_30*J3", effects, lambda what, of: "min")
+    inner = lag_constants("lag_T_30*J3", effects, lambda what, of: "min")
     assert inner is not None
     candidate = replace(law("lag_T_30*J3"), inner=inner)
     (constant,) = inner.constants

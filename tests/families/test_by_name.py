@@ -16,7 +16,7 @@ from gpmodel.families import catalogue as families
 from gpmodel.families.by_name import effects_named, one_effect_named
 from gpmodel.families.candidate import Candidate, relative
 from gpmodel.families.catalogue import Family, candidates, catalogue, installed
-from gpmodel.families.inner import Constant, NonlinearParameters, remembered, symbol
+from gpmodel.families.inner import Constant, NonlinearParameters, lag_constants, symbol
 from gpmodel.families.outline import in_words, outline
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.mechanism.protocol import Mechanism
@@ -135,7 +135,7 @@ def test_the_gradient_of_the_amplitude_is_its_difference_quotient(candidate: Can
 
 def test_what_remembers_has_the_constants_of_its_columns_inside() -> None:
     effects = (effect_at("a lag_T_30p5", "base", "Tx", Expression("lag_T_30p5*stop_J2_0p1 + lag_T_30p5")),)
-    inner = remembered("on lag_T_30p5", effects, lambda what, of: f"{what} of {of}")
+    inner = lag_constants("on lag_T_30p5", effects, lambda what, of: f"{what} of {of}")
     assert inner is not None
     assert [(c.name, c.unit, c.value) for c in inner.constants] == [
         ("lag", "lag of T", 30.5), ("half-width", "stop of J2", 0.1),
@@ -144,14 +144,14 @@ def test_what_remembers_has_the_constants_of_its_columns_inside() -> None:
     moved = inner.at((41.25, 0.2))
     assert moved.full_name == "on lag_T_41p25"
     assert str(moved.effects[0].terms[0].basis) == "lag_T_41p25*stop_J2_0p2 + lag_T_41p25"
-    assert remembered("plain", (effect_at("plain", "base", "Tx", Expression("last_move_J2")),), str.__add__) is None
+    assert lag_constants("plain", (effect_at("plain", "base", "Tx", Expression("last_move_J2")),), str.__add__) is None
 
 
 def test_a_law_that_loses_a_term_loses_it_from_its_names() -> None:
     name = "lag_t_30 and lag_t_40 on J1.moving Tx"
     bases = [Expression("lag_t_30"), Expression("lag_t_40")]
     effects = tuple(effect_at(f"{name} [{k}]", "J1.moving", "Tx", basis) for k, basis in enumerate(bases, 1))
-    inner = remembered(name, effects, lambda what, of: "min")
+    inner = lag_constants(name, effects, lambda what, of: "min")
     assert inner is not None
     fewer = inner.without(0)
     assert fewer.full_name == "lag_t_40 on J1.moving Tx"

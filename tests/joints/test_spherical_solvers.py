@@ -10,7 +10,7 @@ from spherical_cases import JOINT, OFFSETS, PUBLISHED, published_table
 import gpmodel as gp
 from experiments.spherical_joint.reductions import algebraic_sphere, fit_sphere
 from experiments.spherical_joint.rig import Rig
-from gpmodel.application.over_causes import of_the_ball
+from gpmodel.application.over_causes import ball_priors
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, resolved
 from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns, solve_joints
@@ -220,7 +220,7 @@ def test_a_rig_whose_tool_is_off_the_axis_can_be_handed_over(tmp_path: Path) -> 
     made = gp.simulate("spherical-joint", [f"{LOBES}=12 um"], poses=80, noise="1 um", seed=5)
     gp.calibrate("spherical-joint", made.table, [LOBES], holdout=0).model.save(tmp_path / "model.json")
     rig = gp.load_model(tmp_path).saved
-    given = of_the_ball("L3.fixed", rig, gp.load_mechanism("tau"))
+    given = ball_priors("L3.fixed", rig, gp.load_mechanism("tau"))
     known = [e for e in rig.model.effects if e.name.startswith("out-of-round")]
     assert len(given) == len(known)
     for effect, other in zip(given, known, strict=True):

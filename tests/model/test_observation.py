@@ -17,7 +17,7 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
-from gpmodel.model.observation import AtTheTip, Own, Tips
+from gpmodel.model.observation import OfTip, Own, Tips
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import hold_out
 
@@ -25,7 +25,7 @@ ARM = "irb6400r"
 
 
 @dataclass(frozen=True)
-class Height(AtTheTip):
+class Height(OfTip):
     """The tip's height over a plane fixed to the root, z = a x + b y + c: values (N,), m, along the root's z axis."""
 
     name: str

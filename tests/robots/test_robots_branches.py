@@ -22,7 +22,7 @@ from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import SMOOTH
 from gpmodel.errors import InputError
 from gpmodel.families.load import base_compliance, joint_compliance
-from gpmodel.mechanism.branches import assembled, lineage, random_poses
+from gpmodel.mechanism.branches import assembled, moves_with, random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
@@ -62,7 +62,7 @@ def test_each_arm_moves_as_the_chain_to_it(file: Path) -> None:
         alone = read_urdf(file, frame=tip)
         wanted = se3.chain(alone.transforms(q[:, [names.index(j.name) for j in alone.joints]]))[-1]
         np.testing.assert_allclose(frames[arms.slots.index(slot)], wanted, atol=1e-12)
-    moves = lineage(arms)
+    moves = moves_with(arms)
     at = arms.slots.index
     assert moves[at("torso.moving"), [at("tool"), at("right_tool.tool")]].all()
     assert moves[at("right_2.moving"), at("right_tool.tool")]

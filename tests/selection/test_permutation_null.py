@@ -7,7 +7,7 @@ from group_cases import bars, problem
 from gpmodel.evolution.variances import best
 from gpmodel.selection.result import permuted, running_maximum
 from gpmodel.selection.sparse_bayes import reestimate
-from gpmodel.table.bundles import bundles
+from gpmodel.table.bundles import repeat_blocks
 
 
 def test_permuted_residuals_are_as_large_as_the_noise() -> None:
@@ -21,7 +21,7 @@ def test_permuted_residuals_are_as_large_as_the_noise() -> None:
 def test_of_bars_the_permuted_residuals_are_as_large_as_the_noise_that_their_places_leave() -> None:
     """Five of the six numbers of a bar place it, what is left of a bar another does not; a tool is common to all."""
     active, poses, _ = bars()
-    trials = permuted(active, bundles(poses.dataset), np.random.default_rng(0), 50)
+    trials = permuted(active, repeat_blocks(poses.dataset), np.random.default_rng(0), 50)
     explained = active.pool.rows.target - active.left
     left = active.pool.rows.clean(trials - explained[:, None])
     freedom = active.pool.rows.freedom

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.table.bundles import bundles, hold_out, replicates, sharing
+from gpmodel.table.bundles import hold_out, repeat_blocks, replicates, sharing
 from gpmodel.table.dataset import COVERAGE, Dataset, Specification, specification
 from gpmodel.table.units import convert, factor, known_unit, parse_quantity, split_header
 from gpmodel.wording import measured
@@ -35,11 +35,11 @@ def clusters(count: int, size: int, half: float) -> Array:
 @pytest.mark.parametrize(("count", "size", "half"), [(12, 10, 0.02), (30, 5, 0.01), (40, 2, 0.005), (8, 20, 0.01)])
 def test_clusters_are_bundles_that_no_split_parts(count: int, size: int, half: float) -> None:
     data = table(clusters(count, size, half))
-    assert np.bincount(bundles(data)).tolist() == [size] * count
+    assert np.bincount(repeat_blocks(data)).tolist() == [size] * count
     assert len(np.unique(sharing(data))) == count
     assert len(np.unique(replicates(data))) == len(data)
     train, heldout = hold_out(data, 0.3, np.random.default_rng(0))
-    assert not set(bundles(data)[train]) & set(bundles(data)[heldout])
+    assert not set(repeat_blocks(data)[train]) & set(repeat_blocks(data)[heldout])
 
 
 @pytest.mark.parametrize("gap", [0.05, 0.1, 0.15])
@@ -48,7 +48,7 @@ def test_two_clusters_that_lie_close_leave_the_others_what_they_are(gap: float) 
     centre = RNG.uniform(LOW, HIGH, 6)
     box = 0.02 * (HIGH - LOW) * RNG.uniform(-1, 1, (2, 10, 6))
     beside = centre + np.array([[[0.0]], [[gap]]]) * (HIGH - LOW) + box
-    sizes = np.bincount(bundles(table(np.vstack([q, *beside]))))
+    sizes = np.bincount(repeat_blocks(table(np.vstack([q, *beside]))))
     assert sorted(sizes.tolist()) in ([10] * 22, [10] * 20 + [20])
 
 

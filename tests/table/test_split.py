@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import gpmodel as gp
 from gpmodel.errors import InputError
-from gpmodel.table.bundles import bundles, check_repeats, folds, hold_out, noise_floor, replicates
+from gpmodel.table.bundles import check_repeats, folds, hold_out, noise_floor, repeat_blocks, replicates
 from gpmodel.table.dataset import Dataset, unmeasured
 
 DATA = bare("ur5", 40)
@@ -25,7 +25,7 @@ def labelled(column: str, labels: list[str]) -> Dataset:
 tables = st.builds(
     labelled, st.sampled_from(["group", "repeat"]),
     st.lists(st.sampled_from(["", "a", "b", "c", "d", "long name"]), min_size=12, max_size=40),
-).filter(lambda d: bundles(d).max() > 2)  # fmt: skip
+).filter(lambda d: repeat_blocks(d).max() > 2)  # fmt: skip
 
 
 @given(tables, st.floats(0.05, 0.6), st.integers(0, 1000))
@@ -48,7 +48,7 @@ def test_folds_never_split_them_either(data: Dataset, count: int, seed: int) -> 
     column = next(iter(data.labels))
     for label in set(data.label(column)) - {""}:
         assert len(set(fold[data.label(column) == label])) == 1
-    assert set(fold) == set(range(min(count, bundles(data).max() + 1)))
+    assert set(fold) == set(range(min(count, repeat_blocks(data).max() + 1)))
 
 
 @given(st.integers(0, 1000), st.sampled_from([0.2, 0.3, 0.5]))
@@ -115,7 +115,7 @@ def repeated(jitter: float, times: int = 3, count: int = 20) -> Dataset:
 def test_repeats_are_recognised_by_their_joint_values(jitter: float) -> None:
     data = repeated(jitter)
     expected = np.arange(20).repeat(3)
-    for codes in (bundles(data), replicates(data)):
+    for codes in (repeat_blocks(data), replicates(data)):
         assert len(np.unique(np.column_stack([codes, expected]), axis=0)) == len(np.unique(codes)) == 20
     assert noise_floor(data) == pytest.approx(np.sqrt(3) * 1e-5, rel=0.3)
     fold = folds(data, 5, np.random.default_rng(0))
@@ -124,13 +124,13 @@ def test_repeats_are_recognised_by_their_joint_values(jitter: float) -> None:
 
 def test_the_order_of_the_rows_does_not_change_the_bundles() -> None:
     data, order = repeated(5e-5), np.random.default_rng(0).permutation(60)
-    np.testing.assert_array_equal(bundles(data.subset(order)), bundles(data)[order])
+    np.testing.assert_array_equal(repeat_blocks(data.subset(order)), repeat_blocks(data)[order])
 
 
 def test_a_slow_motion_is_no_single_pose() -> None:
     data = DATA.subset(np.zeros(300, dtype=int))
     moving = replace(data, q=data.q + 1e-4 * np.arange(300)[:, None])
-    assert 25 < bundles(moving).max() < 60
+    assert 25 < repeat_blocks(moving).max() < 60
 
 
 def test_repeats_at_another_payload_or_set_up_stay_in_the_bundle_but_are_no_replicates() -> None:
@@ -138,14 +138,14 @@ def test_repeats_at_another_payload_or_set_up_stay_in_the_bundle_but_are_no_repl
     other = replace(data, payload=np.tile([0.0, 5.0], 20))
     moved = replace(data, labels={"setup": np.tile(["a", "b"], 20)})
     for changed in (other, moved):
-        assert bundles(changed).max() == 19
+        assert repeat_blocks(changed).max() == 19
         assert noise_floor(changed) is None
 
 
 def test_a_copied_row_is_no_measurement_of_noise() -> None:
     data = repeated(0.0, 2)
     assert noise_floor(data.subset([*range(40), 7, 9])) == pytest.approx(noise_floor(data))
-    assert bundles(data.subset([*range(40), 7])).max() == 19
+    assert repeat_blocks(data.subset([*range(40), 7])).max() == 19
 
 
 def test_one_reading_that_failed_is_no_noise_and_one_far_off_no_repeat() -> None:

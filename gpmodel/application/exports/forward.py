@@ -16,7 +16,7 @@ import numpy as np
 
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import Clamped, Ended, placed_now, usable
+from gpmodel.application.usable import Clamped, Ended, at_end, usable
 from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
@@ -234,7 +234,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
     for a mechanism that is not a serial chain, or a load with unknown masses.
     """
     whole = usable(saved)
-    kept = placed_now(whole)
+    kept = at_end(whole)
     chain = arm_of(saved.mechanism, place.tip)
     lines = tuple(
         Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), basis)

@@ -10,9 +10,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from gpmodel.application.compensate import GIVEN, MAX_MOVE, TargetPoses, corrected
 from gpmodel.application.exports.sample import Place, measured_table
-from gpmodel.application.kinematics import REACHED, look_at, solve, tips
+from gpmodel.application.kinematics import REACHED, error_and_jacobian, solve, tips
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import placed_now, usable
+from gpmodel.application.usable import at_end, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
@@ -66,7 +66,7 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
     corrected. Corrections are interpolated linearly between nodes. Raises InputError if no node, or no point between
     nodes, can be reached.
     """
-    saved = placed_now(usable(saved))
+    saved = at_end(usable(saved))
     data = place.poses(measured_table(saved))
     tip = tips(saved, data, nominal=True)[1].tip
     points = tip[:, :3, 3]
@@ -86,7 +86,8 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
 
 
 def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, part: bool = True) -> Grid:
-    nodes = _nodes(box, count)
+    sides = [np.linspace(low, high, count) for low, high in box.T]
+    nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
     fresh = rng.uniform(box[0], box[1], (CHECKS if part else TRIALS, 3))
     q, start = np.split(held.nominal(np.vstack([nodes, fresh])), [len(nodes)])
     moves = held.corrections(nodes, q, part)
@@ -115,12 +116,6 @@ def _interpolated(text: str, points: Array) -> Array:
     return np.asarray(RegularGridInterpolator(sides, nodes, bounds_error=False, fill_value=None)(points))
 
 
-def _nodes(box: Array, count: int) -> Array:
-    """Return the nodes, m, of a box with `count` nodes along each side."""
-    sides = [np.linspace(low, high, count) for low, high in box.T]
-    return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
     """Return the pose with the largest cube that PROBES³ nodes correct, and the cube; by default the first and
     smallest."""
@@ -146,7 +141,7 @@ def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: 
     """Return the poses near a middle point, m, sorted by decreasing smallest singular value of their Jacobians."""
     near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
     frames = tips(saved, data.subset(near), nominal=True)[1].tip
-    jacobian = look_at(saved, data.subset(near), frames, nominal=True)[1]
+    jacobian = error_and_jacobian(saved, data.subset(near), frames, nominal=True)[1]
     return near[np.argsort(-np.linalg.svd(jacobian, compute_uv=False)[:, -1])]
 
 

@@ -22,7 +22,7 @@ from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_lin
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, latex_text, nameless, numpy_text, to_the_digits
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import check_finite, placed_now, usable
+from gpmodel.application.usable import at_end, check_finite, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import DIGITS
@@ -42,7 +42,7 @@ class PredictedPoints:
     @classmethod
     def of(cls, saved: SavedModel, dataset: Dataset) -> "PredictedPoints":
         """Predict the points without errors of the instrument and of the session."""
-        kept = placed_now(usable(saved))
+        kept = at_end(usable(saved))
         poses = prepare(saved.mechanism, replace(dataset, observations=()))
         return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
 

@@ -12,7 +12,7 @@ import numpy as np
 from gpmodel.application.exports.forward import coupled
 from gpmodel.application.exports.sample import measured_table, tips_of
 from gpmodel.application.model_file import SavedModel, saved_model
-from gpmodel.application.usable import of_the_session, placed_now, usable
+from gpmodel.application.usable import at_end, session_effects, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauss_newton import calibrate, without_outliers
@@ -26,7 +26,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_min
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import roll_pitch_yaw
-from gpmodel.table.bundles import FOLDS, JUDGED, bundles, folds
+from gpmodel.table.bundles import FOLDS, JUDGED, folds, repeat_blocks
 from gpmodel.wording import length
 
 
@@ -57,7 +57,7 @@ def refitted(saved: SavedModel) -> Rigid:
     Raises InputError if the model contains no table, or for a fit that fails.
     """
     poses = prepare(saved.mechanism, measured_table(saved))
-    aside = {e.name for e in of_the_session(saved)}
+    aside = {e.name for e in session_effects(saved)}
     kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
     heldout = _held_out(model, poses, saved)
@@ -65,7 +65,7 @@ def refitted(saved: SavedModel) -> Rigid:
     fitted = saved if fitted_apart else saved_model(calibrate(model, poses), poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
-    placement, twists = placed_now(usable(fitted)).placement, _constant_twists(fitted, poses.subset(np.arange(1)))
+    placement, twists = at_end(usable(fitted)).placement, _constant_twists(fitted, poses.subset(np.arange(1)))
     return Rigid(saved.mechanism, placement, twists, heldout, missing, tips_of(saved))
 
 
@@ -81,7 +81,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
     counts = without_outliers(observed, poses.dataset, measured)
     parts = [saved.measured.heldout]
     if not len(saved.measured.heldout):
-        count = min(FOLDS, int(bundles(poses.dataset).max()) + 1)
+        count = min(FOLDS, int(repeat_blocks(poses.dataset).max()) + 1)
         fold = folds(poses.dataset, count, np.random.default_rng(JUDGED)) if count > 1 else np.zeros(0)
         parts = [np.flatnonzero(fold == k) for k in range(count)]
     errors = [np.zeros(0)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.kinematics import matched, remembered
+from gpmodel.application.kinematics import with_memory_columns, with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -18,7 +18,7 @@ def measured_table(saved: SavedModel) -> Dataset:
     """Return the table of the fit, matched to the model; raise InputError if the model does not contain a table."""
     if saved.measured is None:
         raise InputError("model: the file does not contain the table of the fit; run calibrate or discover again")
-    return remembered(saved, matched(saved, saved.measured.dataset))
+    return with_memory_columns(saved, with_model_labels(saved, saved.measured.dataset))
 
 
 @dataclass(frozen=True)
