@@ -33,6 +33,7 @@ from gpmodel.api.table import TableLike, in_metres, read_table, specified
 from gpmodel.application.further import heldout_fits, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.application.over_causes import over_causes
+from gpmodel.application.true_loads import under_true_loads
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import Loop, discover_by_folds
@@ -88,7 +89,7 @@ class DiscoveryResult(FittedResult):
             steps = Ladder(self.found.poses, self.found.train, self.alone, self.found.final)
             first, *others = record.ladder
             record = replace(record, ladder=(first, *(steps.records() if self.alone else [StepRecord(ALONE)]), *others))
-        verdict = f"{of_discovery(record)} {self.note}".strip()
+        verdict = f"{of_discovery(record)} {words.fitted_loads(self.found.loads)} {self.note}".strip()
         return replace(record, model_sha256=self.model.sha256, verdict=verdict)
 
     @cached_property
@@ -173,7 +174,7 @@ def discover(
     offers = _checked_offers(offers, arm, poses.states)
     floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
-    run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
+    run = partial(run_loop, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=check_limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
     started = partial(_started, known, arm)
     whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
@@ -189,8 +190,17 @@ def discover(
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
-    """Start the search from the standard model or, if `known` is given, from the prior of the machine's type."""
-    return loop if known is None else partial(from_the_type, known, arm, loop)
+    """Start the search from the standard model or, if `known` is given, from the prior of the machine's type.
+
+    A search from the standard model with a catalogue also considers other loads than the declared ones.
+    """
+    if known is not None:
+        return partial(from_the_type, known, arm, partial(loop, arm))
+    return (
+        partial(under_true_loads, loop, loop.keywords["criteria"], arm)
+        if loop.keywords["candidates"]
+        else partial(loop, arm)
+    )
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:

@@ -243,6 +243,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "frame": choice.frame,
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
+            "gravity_m_s2": choice.gravity,
             "joints": [j.name for j in mechanism.joints],
             "tip_at_probe_m": tip_at_trial(mechanism),
             "description": choice.description,
@@ -319,7 +320,9 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
 
 def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     about = part.mechanism
-    choice = MechanismChoice(about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "")
+    choice = MechanismChoice(
+        about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "", about.gravity_m_s2
+    )  # fmt: skip
     mechanism = given or choice.load()
     known = same_machine(tip_at_trial(mechanism), about.tip_at_probe_m)
     if tuple(j.name for j in mechanism.joints) != about.joints or not known:

@@ -111,6 +111,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
     joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
     tip_at_probe_m: Point
     description: str | None = None
+    gravity_m_s2: Point | None = None
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):

@@ -82,6 +82,7 @@ class Discovery:
     final: model to ship: the model `fitted` if confirmed, else the standard model fitted to all poses.
     parts: results of the loop repeated without each fold; empty if a fixed set of poses is held out.
     alone: for a further machine of a type, the fit to its poses without the prior of the type.
+    loads: loads that were fitted in the place of the declared ones, in words; empty for the declared loads.
     """
 
     mechanism: Mechanism
@@ -99,6 +100,7 @@ class Discovery:
     stopped: str
     parts: tuple["Discovery", ...] = ()
     alone: tuple[Step, ...] = ()
+    loads: str = ""
 
     @property
     def folds(self) -> int:
@@ -221,11 +223,7 @@ class State:
 
     @property
     def repeating(self) -> bool:
-        """True if the loop has converged: the last round added and removed nothing.
-
-        An exception is a first round with a small search that exceeds the null without a finding; a full search may
-        find an effect in this case.
-        """
+        """True if the last round added and removed nothing; a small first round that exceeds the null is repeated."""
         last = self.rounds[-1] if self.rounds else None
         if last is None or last.dropped or any(f.round == last.number for f in self.findings):
             return False

@@ -134,7 +134,6 @@ _OWN: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance, yields=True),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance, yields=True),
     Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_load.wrong_masses),
-    Family("other_loads", "the joints yield, and a load is not the declared one", "Khalil and Dombre 2002, ch. 9", families_load.other_loads),
     Family("unknown_masses", "the joint yields to unknown weights: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
     Family("base_unknown_masses", "the foundation tilts under unknown weights", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection, yields=True),

@@ -1,6 +1,6 @@
 """Families of effects that follow the loads: bending, twist, tilt and sag, under known or unknown weights."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -175,47 +175,6 @@ def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             yield Candidate(name, effects, "wrong_masses", 5.0 + SECOND)
 
 
-def other_loads(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the compliance of two joints under a load that is not the declared one: another mass or first moment of
-    mass at the tool, or another weight of one link.
-
-    The deflection of joint j is c_j (torque_j + c T_j). The constant c is the same for both joints; T_j is the torque
-    of a unit of the load about joint j. The joints are those of the largest torques. The price is that of two
-    compliances and of a second finding, the load.
-    """
-    loads, joints = _unit_loads(states), [j for j in revolute(mechanism) if loaded(states, f"torque_{j.name}")]
-    two = sorted(joints, key=lambda j: -float(np.std(states[f"torque_{j.name}"])))[:2]
-    two.sort(key=joints.index)
-    for what, unit, parts in _changeable(mechanism) if len(two) == 2 else ():
-        more = [{p: w for p, w in parts.items() if f"torque_{j.name}_of_{p}" in loads} for j in two]
-        spread = [
-            np.std(sum(w * loads[f"torque_{j.name}_of_{p}"] for p, w in m.items()))
-            for j, m in zip(two, more, strict=True)
-        ]
-        if not min(spread) > 0.0:
-            continue
-        largest = max(np.std(states[f"torque_{j.name}"]) for j in two)
-        size = 1.0 if unit == "1" else float(largest / max(spread))
-        name = f"compliance of {two[0].name} and {two[1].name} with {what}"
-        effects = tuple(
-            drive_effect(
-                f"{name}: {j.name}",
-                j,
-                Expression(f"torque_{j.name} + {symbol()}*({_weighted(f'torque_{j.name}', m)})"),
-                "rad/Nm",
-                "other_loads",
-            )
-            for j, m in zip(two, more, strict=True)
-        )
-        for change in CHANGES:
-            constant = Constant("load", unit, float(f"{change * size:.3g}"), abs(change) * size)
-            yield inside(NonlinearParameters(name, effects, (constant,)), "other_loads", OF_TWO)
-
-
-CHANGES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
-"""First changes of a load, relative to the weight of the link, or to the load whose torque is that of the arm."""
-OF_TWO = 18.0
-"""Price of two joint compliances, nats: for each, the price of its description and the least gain of a finding."""
 NEGLIGIBLE = 1e-9
 """Lever of a mass, m, below which the lever is a rounding error."""
 
@@ -227,27 +186,26 @@ def _weighted(load: str, parts: Mapping[str, float]) -> str:
     return " + ".join(f"{factor}{load}_of_{part}" for factor, part in zip(factors, parts, strict=True))
 
 
-def _changeable(mechanism: Mechanism, com: Array | None = None) -> Iterator[tuple[str, str, Mapping[str, float]]]:
-    """Yield the loads that a description or a declaration may state wrongly: name, unit, and unit loads with weights.
+def _mass(mechanism: Mechanism, com: Array | None) -> Mapping[str, float]:
+    """Return the unit loads, with weights, of a mass of 1 kg at the tool: first moments of mass, one per link.
 
-    A mass at the tool is the sum of first moments of mass, one per link: the mass times the lever to the next link.
-    com: centre of this mass in the measured frame, m; None for that of the payload.
+    Each first moment is the mass times the lever to the next link. com: centre of the mass in the measured frame, m;
+    None for that of the payload.
     """
     bare = unwrapped(mechanism)
     if not isinstance(bare, KnownMasses) or not all(j.kind == "revolute" for j in bare.joints):
-        return
+        return {}
     fixed = bare.transforms(np.zeros((1, len(bare.joints))))[:, 0]
     moving = [k for k, slot in enumerate(bare.slots) if slot.endswith(".moving")]
     links = [bare.slots[k].removesuffix(".moving") for k in moving]
     levers = [fixed[k + 1][:3, 3] for k in moving[:-1]]
     levers.append(fixed[-1][:3, :3] @ np.asarray(bare.payload_com if com is None else com) + fixed[-1][:3, 3])
-    mass = zip(links, levers, strict=True)
-    yield f"{symbol()} kg more at the tool", "kg", _moments(mass)
-    for k, axis in enumerate("xyz"):
-        yield f"{symbol()} kg m more along {axis} of the tool", "kg m", _moments([(links[-1], fixed[-1][:3, k])])
-    for slot in bare.bodies:
-        link = slot.removesuffix(".moving")
-        yield f"{symbol()} times the weight of {link} more", "1", {link: 1.0}
+    sides = (
+        (f"{n}_{a}", float(v))
+        for n, lever in zip(links, levers, strict=True)
+        for a, v in zip("xyz", lever, strict=True)
+    )
+    return {side: value for side, value in sides if abs(value) > NEGLIGIBLE}
 
 
 MASS = "mass at the tool"
@@ -262,20 +220,13 @@ def mass_at_tool(
     effects, theta: effects of the model and their values. com: centre of the mass in the measured frame, m; None for
     that of the payload. None without a compliance or without known masses.
     """
-    loads = _unit_loads(states)
-    mass = next((parts for _, unit, parts in _changeable(mechanism, com) if unit == "kg"), {})
-    terms = []
+    loads, mass, terms = _unit_loads(states), _mass(mechanism, com), []
     for effect, value in zip(effects, theta.tolist(), strict=True):
         for t in effect.terms if value else ():
             own = {part: lever for part, lever in mass.items() if f"{t.basis}_of_{part}" in loads}
             if own:
                 terms.append(Term(t.slot, t.axis, Expression(_weighted(str(t.basis), own)), t.weight * value))
-    return Effect(MASS, tuple(terms), "kg", "other_loads") if terms else None
-
-
-def _moments(levers: Iterable[tuple[str, Array]]) -> Mapping[str, float]:
-    sides = ((f"{link}_{a}", float(v)) for link, lever in levers for a, v in zip("xyz", lever, strict=True))
-    return {side: value for side, value in sides if abs(value) > NEGLIGIBLE}
+    return Effect(MASS, tuple(terms), "kg") if terms else None
 
 
 def _unit_loads(states: States) -> Mapping[str, Array]:

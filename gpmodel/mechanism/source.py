@@ -5,17 +5,19 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from multiprocessing.util import Finalize
 from pathlib import Path
 
+import numpy as np
+
 from gpmodel.arrays import Array
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import links
-from gpmodel.mechanism.protocol import FittedLever, Joint, Mechanism, WeightByPart, checked_mass
+from gpmodel.mechanism.protocol import FittedLever, Joint, KnownMasses, Mechanism, WeightByPart, checked_mass
 from gpmodel.texts import read_text
 
 PROVIDERS = "gpmodel.mechanisms"
@@ -67,6 +69,7 @@ class MechanismChoice:
     frame: measured link.
     payload: payload mass, kg, or None.
     payload_com: centre of mass (3,) of the payload in the measured frame, m, or None.
+    gravity: acceleration of gravity (3,) in the root frame, m/s², or None for that of the description.
     description: text of the file, if known. `name` is then only a name, and no file is opened.
     """
 
@@ -75,6 +78,7 @@ class MechanismChoice:
     payload: float | None = None
     payload_com: tuple[float, ...] | None = None
     description: str | None = None
+    gravity: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.payload is not None:
@@ -97,11 +101,21 @@ class MechanismChoice:
             if longer := [joint.name for joint in bare.joints if len(joint.name) > LONGEST_JOINT]:
                 said = f"the name of joint '{longer[0][:20]}...' has {len(longer[0])} characters"
                 raise InputError(f"{name}: {said}; expected at most {LONGEST_JOINT}")
-            return LoadedMechanism(choice, bare)
+            return LoadedMechanism(
+                choice, bare if self.gravity is None else _with(bare, gravity=np.array(self.gravity))
+            )
         except InputError as error:
             if not self.description:
                 raise
             raise InputError(error.said.replace(name, f"its mechanism {self.name}"), error.argument) from None
+
+
+def _with(bare: Mechanism, **loads: Array) -> Mechanism:
+    """Return a mechanism with another `gravity`, m/s², or `payload_com`, m. Raises InputError if it has no masses."""
+    if not is_dataclass(bare) or isinstance(bare, type) or not isinstance(bare, KnownMasses):
+        raise InputError(f"{bare.name}: gravity cannot be set; expected an arm with masses")
+    changed: Mechanism = replace(bare, **loads)
+    return changed
 
 
 @cache
@@ -165,6 +179,16 @@ class LoadedMechanism:
         """Return the mechanism with its lever adapted to the tool `point` (3,), m, from a first fit, in the measured
         frame."""
         return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, FittedLever) else self
+
+    def under(self, gravity: Iterable[float]) -> "LoadedMechanism":
+        """Return the mechanism with another acceleration of gravity (3,) in its root frame, m/s²."""
+        choice = replace(self.choice, gravity=tuple(float(v) for v in gravity))
+        return LoadedMechanism(choice, _with(self.bare, gravity=np.array(choice.gravity)))
+
+    def carrying(self, payload: float, point: Iterable[float]) -> "LoadedMechanism":
+        """Return the mechanism with a payload, kg, and its centre of mass (3,) in the measured frame, m."""
+        choice = replace(self.choice, payload=payload, payload_com=tuple(float(v) for v in point))
+        return LoadedMechanism(choice, _with(self.bare, payload_com=np.array(choice.payload_com)))
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame."""

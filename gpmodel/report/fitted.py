@@ -56,7 +56,10 @@ def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[s
 def parameters(
     final: Calibration, names: Mapping[str, str], without: frozenset[str] = frozenset()
 ) -> tuple[ParameterRecord, ...]:
-    """Return the records of the unknowns of a fit, except for the unknowns named in `without`."""
+    """Return the records of the unknowns of a fit, except for the unknowns named in `without`.
+
+    Changes of constants inside findings and of a fitted payload, which are zero by definition, are left out.
+    """
     return tuple(
         ParameterRecord(
             name=translate(effect.name, names),
@@ -68,7 +71,7 @@ def parameters(
             correlated_with=correlations(final, [effect], names),
         )
         for i, effect in enumerate(final.model.effects)
-        if effect.name not in without
+        if effect.name not in without and (effect.constant or not final.free[i] or final.theta[i] != 0.0)
     )
 
 

@@ -126,6 +126,13 @@ def confirmed(report: Report) -> str:
     )
 
 
+def fitted_loads(said: str) -> str:
+    """State which loads were fitted in the place of the declared ones; empty if none were. said: the fitted loads."""
+    if not said:
+        return ""
+    return f"The declared loads do not explain the residual; the findings hold for {said}. Check it and declare it."
+
+
 def causes(effect: EffectRecord) -> str:
     """State the credible set of causes of a finding, with probabilities; empty if the set was not computed."""
     if effect.causes is None:

@@ -1,0 +1,85 @@
+"""Discovery under fitted loads, if the declared payload or direction of gravity does not explain the residual."""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.other_loads import OtherLoads, other_loads
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.state import Discovery, FinalFit
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.residual import residual_of
+from gpmodel.families.load import mass_at_tool
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.model.error_model import Poses, prepare
+from gpmodel.table.bundles import JUDGED
+
+
+def under_true_loads(
+    loop: "partial[Discovery]",
+    criteria: Criteria,
+    mechanism: Mechanism,
+    poses: Poses,
+    train: IntArray,
+    heldout: IntArray,
+) -> Discovery:
+    """Run the discovery loop; run it again under fitted loads, and return the second result if it predicts better.
+
+    The fitted loads explain the residual of the standard model or of the findings that follow no load. Both results
+    are compared by their cross-validated log likelihood on training poses, less the prices of their findings. The
+    constants of the loads, which are not cross-validated, cost one nat each (Akaike 1974).
+    loop: discovery loop with its settings, a function of mechanism, poses, training rows and held-out rows.
+    """
+    found = loop(mechanism, poses, train, heldout)
+    other = _other_loads(found)
+    if other is None:
+        return found
+    again = loop(other.mechanism, prepare(other.mechanism, other.dataset), found.train, found.heldout, kept=None)
+    if _worth(again, criteria) - other.constants <= _worth(found, criteria):
+        return found
+    again = replace(again, loads=" and ".join(other.said.values()), seconds=found.seconds + again.seconds)
+    return _beside_payload(again) if "payload" in other.said else again
+
+
+def _other_loads(found: Discovery) -> OtherLoads | None:
+    if not isinstance(found.mechanism, LoadedMechanism):
+        return None
+    poses, fit = found.poses.subset(found.train), found.steps[-1].calibration
+    loads, declared = found.poses.states.loads, OtherLoads(found.mechanism, found.poses.dataset)
+    following = {e.name for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)}
+    models = ((found.steps[1].calibration, ()), (fit, following))
+    each = (other_loads(model, poses, without, declared) for model, without in models)
+    return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
+
+
+def _worth(found: Discovery, criteria: Criteria) -> float:
+    """Return the log likelihood of cross-validated predictions, less the prices of the findings, nats."""
+    residual = residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, JUDGED)
+    price = sum(f.candidate.cost + criteria.minimum_nats for f in found.findings)
+    return -residual.measured * math.log(cross_validated(residual, ()).rms) - price
+
+
+def _beside_payload(found: Discovery) -> Discovery:
+    """Return a discovery whose standard errors include those of a fitted payload.
+
+    Masses at four points of the tool, which span mass and first moments of the payload, are unknowns of value zero.
+    """
+    if not found.findings:
+        return found
+    fit, poses = found.found, found.poses
+    effects, carried = fit.model.effects, float(poses.dataset.payload[0])
+    points = (np.zeros(3), *np.eye(3))
+    masses = [mass_at_tool(found.mechanism, poses.states, effects, fit.theta, point) for point in points]
+    named = tuple(replace(m, name=f"{m.name} {k}", prior=carried) for k, m in enumerate(masses, 1) if m is not None)
+    model = replace(fit.model, effects=(*effects, *named))
+    joint: Calibration = calibrate(model, poses, condition_limit=fit.condition_limit, start=fit, seed=JUDGED)
+    theta = np.append(fit.theta, np.zeros(len(named)))
+    joint = replace(joint, theta=theta, placement=fit.placement, error=fit.error, sigma=fit.sigma)
+    fitted: FinalFit = replace(found.fitted, calibration=joint)
+    return replace(found, fitted=fitted, final=joint if found.final is fit else found.final)

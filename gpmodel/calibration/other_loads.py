@@ -1,0 +1,215 @@
+"""Loads that a description or a table states wrongly: an undeclared payload, another direction of gravity.
+
+Joint j and the base yield by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load of a unit of change k of the
+payload or of gravity. All compliances c_j share the changes x, which are found by variable projection (Golub and
+Pereyra 1973).
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.priors import fit_priors
+from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.size import without_positions
+from gpmodel.formula.expression import Columns
+from gpmodel.mechanism.protocol import KnownMasses
+from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.model.effect import Effect, Term, drive_effect
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.states import measured_torques
+from gpmodel.numerics import rank as ident
+from gpmodel.table.dataset import Dataset
+
+Loads = Mapping[str, Array]
+
+FARTHEST = 1.0
+"""Largest distance of the centre of mass of a payload from the measured frame, m, as for a tool point."""
+LEAST_NATS = 18.0
+"""Least gain of other loads, nats, beyond ln n / 2 for each of their constants: the price of two compliances, each
+with the least gain of a finding."""
+FIRST = (0.0, -0.4, 0.4, -3.0, 3.0)
+"""First changes of a load, relative to the change whose columns are as long as those of the declared loads."""
+TURNS, AGAIN = 8, 0.5
+"""Largest number of fits of gravity and payload in turn, and least gain of a further fit of one of them, nats."""
+SHORTEST = 1e-6
+"""Length of a column, relative to the longest one, below which a joint has no load."""
+
+
+@dataclass(frozen=True)
+class OtherLoads:
+    """Loads that explain a residual better than the declared loads.
+
+    mechanism, dataset: mechanism and table with these loads. gain: gain in log evidence over the declared loads, nats.
+    constants: number of fitted constants of the loads. said: each fitted load in words, with standard errors, by kind.
+    """
+
+    mechanism: LoadedMechanism
+    dataset: Dataset
+    said: Mapping[str, str] = field(default_factory=dict)
+    gain: float = 0.0
+    constants: int = 0
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Basis function with given values, one per pose."""
+
+    values: Array
+    inputs: tuple[str, ...] = ()
+
+    def __call__(self, states: Columns) -> Array:
+        return self.values
+
+
+def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], declared: OtherLoads) -> OtherLoads | None:
+    """Return the loads that explain a residual best, or None if the declared loads explain it nearly as well.
+
+    Gravity and payload are fitted in turn, each given the other.
+    fit: calibration on `poses`. without: names of its effects that follow loads, which are removed.
+    """
+    data, mechanism = poses.dataset, declared.mechanism
+    loads = mechanism.loads(data.q, data.payload)
+    if measured_torques(mechanism, data) or not any(np.any(v) for v in loads.values()):
+        return None
+    here, rest = declared, _Rest.of(fit, poses, frozenset(without))
+    if rest is None:
+        return None
+    for _ in range(TURNS):
+        found = [_fitted(rest, here, data, change) for change in _changes(here.mechanism, data)]
+        best = max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
+        if best is None:
+            break
+        here = best
+        if "payload" in best.said:
+            data = replace(data, payload=np.full(len(data), best.dataset.payload[0]))
+    return None if here is declared else here
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """Residual of a model without some effects, m: values on measured rows and prior rows, without the span `basis` of
+    the columns of the other effects."""
+
+    problem: Linearised
+    model: ErrorModel
+    poses: Poses
+    basis: Array
+    values: Array
+
+    @classmethod
+    def of(cls, fit: Calibration, poses: Poses, without: frozenset[str]) -> "_Rest | None":
+        """Return the residual; None if no measurement is in an instrument's frame or a joint is not measured."""
+        use = ~np.isin(np.arange(len(poses)), fit.outliers)
+        problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
+        if problem.reduced is not None or without_positions(problem):
+            return None
+        removed = np.array([e.name in without for e in fit.model.effects])
+        belief = fit_priors(fit.model, problem, fit.theta, fit.placement, fit.free)
+        free = problem.free(fit.free & ~removed)
+        rows = np.flatnonzero(np.any(belief.rows[:, free] != 0.0, axis=1))
+        basis = ident.orthonormal(np.vstack([problem.columns[:, free], belief.rows[rows][:, free]]))
+        back = problem.columns[:, problem.placement :][:, removed] @ fit.theta[removed]
+        values = np.concatenate([problem.residual + back, belief.rhs[rows]])
+        return cls(problem, fit.model, poses, basis, ident.remove(basis, values))
+
+    @property
+    def freedom(self) -> int:
+        """Number of rows minus number of fitted columns, at least 1."""
+        return max(len(self.values) - int(self.basis.shape[1]), 1)
+
+    def columns(self, loads: Loads) -> Array:
+        """Return the columns of the compliances of all joints and of the base under some loads."""
+        nothing, joints = np.zeros(len(self.poses)), self.model.mechanism.joints
+        effects = [drive_effect(j.name, j, _Values(loads.get(f"torque_{j.name}", nothing)), "rad/Nm") for j in joints]
+        tilt = tuple(Term("base", f"R{a}", _Values(loads.get(f"moment_base_{a}", nothing))) for a in "xy")
+        out = np.zeros((len(self.values), len(effects) + 1))
+        rows = self.problem.effect_rows([*effects, Effect("base", tilt, "rad/Nm")], self.model)
+        out[: len(rows)] = rows
+        return ident.remove(self.basis, out)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change of the loads: its kind, the loads of its units, and the mechanism and payload with values of it."""
+
+    kind: str
+    units: tuple[Loads, ...]
+    made: Callable[[Array, Array, bool], tuple[LoadedMechanism, float, str] | None]
+
+
+def _changes(mechanism: LoadedMechanism, data: Dataset) -> Iterator[_Change]:
+    """Yield the changes of gravity and of a payload that is equal at all poses."""
+    bare, declared, one = mechanism.bare, float(data.payload[0]), np.ones(len(data))
+    if not isinstance(bare, KnownMasses) or not hasattr(bare, "links"):
+        return
+    com, down = np.asarray(bare.payload_com), np.asarray(bare.gravity)
+    size = float(np.linalg.norm(down))
+    across = np.linalg.svd(down[None] / size)[2][1:]
+
+    def turned(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, float, str]:
+        way = (down + size * x @ across) * (-1.0 if upside_down else 1.0)
+        way /= np.linalg.norm(way)
+        said = f"gravity along ({', '.join(f'{v:.3f}' for v in way)}) of the root frame"
+        return mechanism.under(size * way), declared, said
+
+    yield _Change("gravity", tuple(mechanism.under(size * v).loads(data.q, data.payload) for v in across), turned)
+    if data.payload_given or np.ptp(data.payload) > 0:
+        return
+    empty = mechanism.loads(data.q, 0.0 * one)
+    units = [mechanism.carrying(1.0, point).loads(data.q, one) for point in (np.zeros(3), *np.eye(3))]
+    mass = {name: v - empty.get(name, 0.0) for name, v in units[0].items()}
+    moments = [{name: v - units[0][name] for name, v in unit.items()} for unit in units[1:]]
+
+    def carried(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, float, str] | None:
+        kilograms = declared + float(x[0])
+        point = (declared * com + x[1:]) / kilograms
+        if upside_down or not kilograms > 0.0 or not np.linalg.norm(point) <= FARTHEST:
+            return None
+        there = ", ".join(f"{1e3 * v:.0f}" for v in point)
+        said = f"a payload of {kilograms:.1f} ± {stderr[0]:.1f} kg with its centre of mass at ({there}) mm"
+        return mechanism.carrying(kilograms, point), kilograms, said
+
+    yield _Change("payload", (mass, *moments), carried)
+
+
+def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> OtherLoads | None:
+    """Return loads with a fitted change, or None if the gain is too small or the change impossible."""
+    first = rest.columns(here.mechanism.loads(data.q, data.payload))
+    further = [rest.columns(unit) for unit in change.units]
+    length = np.max([np.linalg.norm(u, axis=0) for u in (first, *further)], axis=0)
+    live = length > SHORTEST * length.max()
+    first, further = first[:, live], [u[:, live] for u in further]
+    size = np.array([np.linalg.norm(first) / max(float(np.linalg.norm(u)), ident.NEGLIGIBLE) for u in further])
+    target = rest.values / np.sqrt(np.mean(rest.values**2))
+
+    def columns(x: Array) -> Array:
+        return np.asarray(first + sum(a * u for a, u in zip(size * x, further, strict=True)))
+
+    def compliances(x: Array) -> tuple[Array, Array]:
+        at = columns(x)
+        scale = np.maximum(np.linalg.norm(at, axis=0), ident.NEGLIGIBLE)
+        found = np.linalg.lstsq(at / scale, target, rcond=SHORTEST)[0]
+        return found * np.abs(found), target - at @ (found / scale)
+
+    starts = [change * axis for axis in np.eye(len(size)) for change in FIRST]
+    ends = [least_squares(lambda x: compliances(x)[1], start, max_nfev=20) for start in starts]
+    best = min(ends, key=lambda end: float(end.cost))
+    before, count = float(np.sum(compliances(np.zeros(len(size)))[1] ** 2)), rest.freedom
+    new = 0 if change.kind in here.said else len(size)
+    gain = 0.5 * count * float(np.log(before / (2.0 * best.cost))) - 0.5 * new * float(np.log(count))
+    if gain < (LEAST_NATS if new else AGAIN):
+        return None
+    stderr = size * np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2.0 * best.cost / count)
+    made = change.made(size * best.x, stderr, bool(compliances(best.x)[0].sum() < 0.0))
+    if made is None:
+        return None
+    mechanism, payload, said = made
+    table = (
+        replace(here.dataset, payload=np.full(len(here.dataset), payload)) if change.kind == "payload" else here.dataset
+    )
+    return OtherLoads(mechanism, table, {**here.said, change.kind: said}, here.gain + gain, here.constants + new)

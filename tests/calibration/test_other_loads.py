@@ -1,0 +1,110 @@
+"""Loads that a table does not declare: a payload and a direction of gravity are found from the deflections."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gpmodel as gp
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.other_loads import OtherLoads, other_loads
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.sites import geometric_effects
+from gpmodel.table.dataset import Dataset
+
+WEAK = {
+    "irb6400r": ("joint_compliance J2=1e-6", "joint_compliance J3=2e-6", "joint_compliance J5=3e-6"),
+    "panda": ("joint_compliance panda_joint2=3e-5", "joint_compliance panda_joint4=6e-5"),
+    "ur10": ("joint_compliance shoulder_lift_joint=8e-6", "joint_compliance elbow_joint=1.5e-5"),
+}
+OTHER = {"irb6400r": ("gear_harmonic J1=100 urad",), "panda": ("gear_harmonic panda_joint1=100 urad",)}
+PAYLOAD = {"irb6400r": (80.0, (0.1, 0.0, 0.2)), "panda": (2.0, (0.05, -0.03, 0.1)), "ur10": (6.0, (0.0, 0.05, 0.15))}
+
+
+def measured(name: str, seed: int, gravity: tuple[float, ...] | None, loaded: bool, weak: bool = True) -> Dataset:
+    """Positions of a weak arm under its true loads, which the returned table does not declare."""
+    arm = gp.load_mechanism(name)
+    if gravity is not None:
+        arm = arm.under(gravity)
+    mass, point = PAYLOAD[name]
+    if loaded:
+        arm = arm.carrying_at(point) if gravity is None else arm.carrying(mass, point)
+    effects = (*(WEAK[name] if weak else ()), *OTHER.get(name, ()))
+    inputs = {"payload [kg]": f"{mass:g}|{mass:g}"} if loaded else {}
+    table = gp.simulate(arm, effects, poses=120, seed=seed, noise="0.02 mm", inputs=inputs).table
+    return replace(table, payload=np.zeros(len(table)), payload_given=False)
+
+
+def judged(name: str, table: Dataset) -> tuple[OtherLoads | None, Poses]:
+    arm = gp.load_mechanism(name)
+    poses = prepare(arm, table)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
+    return other_loads(fit, poses, (), OtherLoads(arm, table)), poses
+
+
+@pytest.mark.parametrize("name", sorted(WEAK))
+def test_a_payload_that_is_not_declared_is_found_with_its_centre_of_mass(name: str) -> None:
+    found, _ = judged(name, measured(name, 3, None, loaded=True))
+    assert found is not None
+    assert set(found.said) == {"payload"}
+    mass, point = PAYLOAD[name]
+    sigma = float(found.said["payload"].split("±")[1].split()[0])
+    assert found.dataset.payload[0] == pytest.approx(mass, abs=3 * sigma)
+    assert sigma < 0.4 * mass
+    moment = found.dataset.payload[0] * np.array(found.mechanism.choice.payload_com)
+    assert np.linalg.norm(moment - mass * np.array(point)) < 0.5 * mass * np.linalg.norm(point)
+
+
+@pytest.mark.parametrize("name", sorted(WEAK))
+@pytest.mark.parametrize(("gravity", "loaded"), [((9.81, 0.0, 0.0), False), ((0.0, 5.0, -8.44), True)])
+def test_gravity_in_another_direction_is_found(name: str, gravity: tuple[float, ...], loaded: bool) -> None:
+    found, _ = judged(name, measured(name, 4, gravity, loaded))
+    assert found is not None
+    assert "gravity" in found.said
+    way = np.array(found.mechanism.choice.gravity) / np.linalg.norm(found.mechanism.choice.gravity)
+    assert np.degrees(np.arccos(np.clip(way @ gravity / np.linalg.norm(gravity), -1.0, 1.0))) < 3.0
+
+
+@pytest.mark.parametrize("name", sorted(WEAK))
+@pytest.mark.parametrize("weak", [True, False])
+def test_declared_loads_are_left_alone(name: str, weak: bool) -> None:
+    assert judged(name, measured(name, 5, None, loaded=False, weak=weak))[0] is None
+
+
+def test_measured_torques_and_machines_without_masses_have_no_other_loads() -> None:
+    table = measured("irb6400r", 3, None, loaded=True)
+    torque = prepare(gp.load_mechanism("irb6400r"), table).states["torque_J3"]
+    assert judged("irb6400r", replace(table, extras={"torque_J3": torque}, extra_units={"torque_J3": "N*m"}))[0] is None
+
+
+@pytest.mark.parametrize(("gravity", "loaded"), [((9.81, 0.0, 0.0), False), (None, True)])
+def test_a_saved_model_keeps_the_fitted_loads(tmp_path: Path, gravity: tuple[float, ...] | None, loaded: bool) -> None:
+    found, _ = judged("ur10", measured("ur10", 3, gravity, loaded))
+    assert found is not None
+    model = gp.calibrate(found.mechanism, found.dataset, effects=["joint_compliance"]).model
+    model.save(tmp_path / "model.json")
+    again = gp.load_model(tmp_path / "model.json")
+    joints = found.dataset.q[:5]
+    assert again.saved.mechanism.choice == replace(
+        found.mechanism.choice, description=again.saved.mechanism.choice.description
+    )
+    carried = found.dataset.payload[:5]
+    for load, values in found.mechanism.loads(joints, carried).items():
+        np.testing.assert_allclose(again.saved.mechanism.loads(joints, carried)[load], values, rtol=1e-12)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("gravity", "loaded"), [((9.81, 0.0, 0.0), False), (None, True)])
+def test_discover_names_the_compliances_under_the_true_loads(gravity: tuple[float, ...] | None, loaded: bool) -> None:
+    """Under the declared loads the compliance of J5 is 20 times too large, and formulas without a name are found."""
+    name = "irb6400r"
+    found = gp.discover(name, measured(name, 6, gravity, loaded), search=gp.Search(runs=0, workers=1))
+    true = dict(text.split("=") for text in (*WEAK[name], *OTHER[name]))
+    assert len(found.findings) == len(true)
+    assert "The declared loads do not explain the residual" in found.record.verdict
+    for text, value in true.items():
+        joint = text.split()[1]
+        (finding,) = (f for f in found.findings if joint in f.name)
+        if "compliance" in text:
+            assert finding.value == pytest.approx(float(value), abs=3 * finding.stderr)
