@@ -95,7 +95,7 @@ valley, which nearly equivalent parameters (twist, offset and tool) cause, a str
 RESCALED, SCALE_SETTLED = 5, 1e-3
 """Largest number of solutions of one linear problem, and relative change of its residual that leaves the scale of the
 priors. A solution costs a tenth of new columns."""
-NEAR, BENT = 1e-5, 1e-4
+NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
 next step reuses the columns. With residuals of 0.1 mm the reuse moves the result by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
