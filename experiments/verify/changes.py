@@ -4,7 +4,7 @@ Machines of several types (every constant off by 0.3 mm or 0.3 mrad, compliances
 random poses with 0.02 mm a coordinate and calibrated with their true effects. Later each is measured from another place
 of the instrument after one change. A change is SIZES standard errors of the fitted model at ten random poses.
 `verify --next` goes on to its end, and by the poses that its repaired model asks for; `verify` tests 20 random poses.
-From the root of the repository: python -m experiments.verify.changes [--first 0] [--machines 10] [--same 10]
+From the root of the repository: python -m experiments.verify.changes [--first 0] [--machines 10] [--same 5]
 """
 
 import argparse
@@ -357,7 +357,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--machines", type=int, default=10)
-    parser.add_argument("--same", type=int, default=2)
+    parser.add_argument("--same", type=int, default=5)
     parser.add_argument("--types", default=",".join(TYPES))
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("changes.json"))
