@@ -63,8 +63,8 @@ YIELDING = ("base_compliance", "joint_compliance")
 LIMIT_TOLERANCE = 1e-3
 """Distance beyond the limit of a joint, rad or m, that the play of its stop and rounding explain."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
-"""Least number of measurements for a check, and largest residual of registration and tool as a share of the spread.
-Unrelated distances, pixels or touches have a larger residual; suitable measurements have about a hundredth."""
+"""Least number of measurements for a check, and largest residual of registration and tool as a share of the spread of
+the points, or of the pixels. Unrelated readings have a larger residual; suitable readings have about a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -258,10 +258,11 @@ def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
         return
     observed = _nominal(mechanism, poses)
     for kind in observed.kinds:
+        tips = observed.tip[kind.readings.any(axis=1), :3, 3]
         if isinstance(kind, Distance):
-            of, expected = kind.values[kind.readings[:, 0], None], "distances of the tool point from one fixed point"
+            of, expected = tips, "distances of the tool point from one fixed point"
         elif isinstance(kind, Touches):
-            of, expected = observed.tip[kind.readings.any(axis=1), :3, 3], "touches of the tool point at these poses"
+            of, expected = tips, "touches of the tool point at these poses"
         elif isinstance(kind, Pixels):
             of, expected = kind.values[kind.readings.all(axis=1)], "images of these boards by these cameras"
         else:

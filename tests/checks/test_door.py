@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,15 @@ from cli_cases import numbers, one_line, robot, run, table, write
 from instances import some
 
 import gpmodel as gp
-from gpmodel.checks.judge import MOST_FITTED, check_dataset, evenly
+from gpmodel.application.compensate import beyond_limits
+from gpmodel.checks.judge import MOST_FITTED, check_dataset, evenly, refuse
 from gpmodel.checks.notes import not_read
 from gpmodel.errors import QUOTED, InputError
+from gpmodel.mechanism.branches import random_poses
+from gpmodel.mechanism.source import load_mechanism
+from gpmodel.model.error_model import prepare
+from gpmodel.numerics.se3 import chain
+from gpmodel.planning.simulate import simulate
 from gpmodel.table.bundles import _same_joints
 from gpmodel.table.cells import read_frame
 from gpmodel.table.read import dataset_from
@@ -328,3 +335,35 @@ def test_check_ends_with_2_where_a_table_is_not_fit_to_calibrate_with(tmp_path: 
     result = run("check", write(noisy, tmp_path / "t.csv"), "--mechanism", "irb6400r")
     assert result.exit_code == 2
     assert "not fit to calibrate with" in result.stdout
+
+
+@pytest.mark.parametrize(("radius", "fits"), [(0.15, True), (0.3, True), (0.6, True), (0.3, False)])
+def test_a_ball_bar_of_nearly_constant_length_is_accepted(radius: float, fits: bool) -> None:
+    """The nominal points are on a sphere, so that the spread of the lengths is the error of the machine itself.
+
+    The same lengths at other poses are refused.
+    """
+    rng, point = np.random.default_rng(5), np.array([0.05, 0.02, 0.3])
+    arm = load_mechanism("irb6400r")
+
+    def place(q: np.ndarray) -> np.ndarray:
+        return np.asarray((chain(arm.transforms(q))[-1] @ np.append(point, 1.0))[:, :3])
+
+    home = random_poses(arm, 1, rng)
+    q = random_poses(arm, 400, rng)
+    for _ in range(60 if fits else 0):
+        off = np.linalg.norm(place(q) - place(home), axis=1) - radius
+        slope = np.stack(
+            [np.linalg.norm(place(q + h) - place(home), axis=1) - radius - off for h in 1e-6 * np.eye(6)], 1
+        )
+        step = 1e-6 * slope * (off / np.sum(slope**2, axis=1))[:, None]
+        q = q - np.clip(step, -0.1, 0.1)
+    kept = ~beyond_limits(arm, q) & (np.abs(np.linalg.norm(place(q) - place(home), axis=1) - radius) < 1e-6)
+    q = q[kept if fits else slice(None)][:60]
+    made = simulate(arm, q, (), rng, noise=3e-6, geometry_sigma=3e-4, tool_point=point)
+    turn = made.placement.registration[""]
+    lengths = np.linalg.norm(made.dataset.position - (turn[:3, :3] @ place(home)[0] + turn[:3, 3]), axis=1)
+    read = lengths if fits else rng.normal(radius, 1e-3, 60)
+    bar = replace(made.dataset, position=np.full((60, 3), np.nan), distances={"distance_a": read})
+    with nullcontext() if fits else pytest.raises(InputError, match="distances of the tool point from one fixed point"):
+        refuse(arm, prepare(arm, bar), ())
