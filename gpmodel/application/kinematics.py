@@ -1,6 +1,6 @@
 """Forward and inverse kinematics of nominal and calibrated mechanisms, in the root frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare, rows_named
 from gpmodel.model.memory import columns_of, read_by
 from gpmodel.model.observed import Observed
@@ -247,13 +248,14 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     return fitting
 
 
-def with_memory_columns(saved: SavedModel, dataset: Dataset) -> Dataset:
+def with_memory_columns(saved: SavedModel, dataset: Dataset, more: Iterable[Effect] = ()) -> Dataset:
     """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
-    With these columns, small changes of joint values keep the direction of approach.
+    more: further effects that read such inputs. With these columns, small changes of joint values keep the direction of
+    approach.
     Raises InputError if the rows are not known to be in order.
     """
-    read = {name for effect in saved.model.effects for name in effect.inputs if read_by(name)}
+    read = {name for effect in (*saved.model.effects, *more) for name in effect.inputs if read_by(name)}
     inherited = sorted(read - set(dataset.extras))
     if not inherited:
         return dataset

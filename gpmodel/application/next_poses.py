@@ -3,12 +3,14 @@
 The separation is T-optimality for models that are linear in their unshared parameters: Atkinson and Fedorov (1975).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values, measured_table
+from gpmodel.application.kinematics import with_memory_columns
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import point_columns
 from gpmodel.arrays import Array, IntArray
@@ -53,11 +55,15 @@ def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlanningContext:
-    """A fitted model, its measured poses, and a pool of candidate poses."""
+    """A fitted model, its measured poses, and a pool of candidate poses.
+
+    candidates: effects of every catalogue candidate on the measured poses, by name.
+    """
 
     saved: SavedModel
     measured: Poses
     pool: Poses
+    candidates: Mapping[str, tuple[Effect, ...]]
 
     @classmethod
     def from_joint_values(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "PlanningContext":
@@ -67,8 +73,11 @@ class PlanningContext:
         Raises InputError if the model does not contain its table.
         """
         data = measured_table(saved)
-        further = replace(at_joint_values(data, pool, rng), row=np.full(len(pool), data.row.max() + 1))
-        return cls(saved, prepare(saved.mechanism, data), prepare(saved.mechanism, further))
+        measured = prepare(saved.mechanism, data)
+        candidates = {c.name: c.effects for c in catalogue.candidates(saved.mechanism, measured.states)}
+        known = with_memory_columns(saved, data, chain.from_iterable(candidates.values()))
+        further = replace(at_joint_values(known, pool, rng), row=np.full(len(pool), data.row.max() + 1))
+        return cls(saved, measured, prepare(saved.mechanism, further), candidates)
 
     def point_problem(self, at: Poses | None = None) -> Design:
         """Return the experimental-design problem of the predicted point: its variance, m², at candidate poses or `at`
@@ -131,12 +140,6 @@ class PlanningContext:
         at = len(self.saved.covariance.placement) + finding.effects
         shape = columns[:, :, at] @ self.saved.theta[finding.effects]
         return np.concatenate([np.delete(columns, at, axis=2), shape[:, :, None]], axis=2)
-
-    @cached_property
-    def candidates(self) -> dict[str, tuple[Effect, ...]]:
-        """Effects of every catalogue candidate on the measured poses, by name."""
-        pool = catalogue.candidates(self.saved.mechanism, self.measured.states)
-        return {candidate.name: candidate.effects for candidate in pool}
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
         """Return the derivatives of the coordinates by registration, tool, effects and `more`, over the noise σ.

@@ -12,6 +12,7 @@ from effect_cases import mechanism
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.api.table import dataset_of
+from gpmodel.application.next_poses import Alternatives, PlanningContext
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import random_poses, ranges
 from gpmodel.mechanism.source import load_mechanism
@@ -286,3 +287,24 @@ def test_no_more_poses_are_chosen_than_anybody_measures() -> None:
         choose_poses("irb6400r", 1_000_000)
     with pytest.raises(InputError, match="1e300 mm, expected at most 1 m, the unit may be wrong"):
         choose_poses("irb6400r", 20, noise="1e300 mm")
+
+
+@pytest.mark.parametrize("input_name", ["last_move_J2", "stop_J3_", "lag_temperature_"])
+def test_causes_that_read_earlier_rows_are_rivals_at_new_poses(input_name: str) -> None:
+    """New poses have no order: their earlier moves and temperatures are those of measured rows."""
+    arm, made = robot(30, 5, "irb6400r", effects=("joint_compliance J2=3e-7",))
+    warm = {"temperature": np.linspace(20.0, 30.0, 30)}
+    data = replace(made.dataset, in_order=True, extras=warm, extra_units={"temperature": "degC"})
+    saved = calibrate(arm, data, ["joint_compliance J2"], standard=["none"], holdout=0.0).model.saved
+    outlook = PlanningContext.from_joint_values(
+        saved, random_poses(arm, 10, np.random.default_rng(1)), np.random.default_rng(2)
+    )
+    finding = Alternatives("compliance", np.array([0]))
+    rivals = [
+        own for own in outlook.candidates.values() if any(n.startswith(input_name) for e in own for n in e.inputs)
+    ]
+    assert rivals
+    for rival in rivals:
+        question = outlook.separation(finding, rival)
+        assert np.isfinite(question.columns).all()
+        assert np.ptp(question.columns[:, :, -1 - len(rival)]) > 0.0
