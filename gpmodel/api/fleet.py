@@ -21,6 +21,7 @@ from gpmodel.api.arguments import (
 from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group, split
 from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import Shown, TableLike
+from gpmodel.application.true_loads import machine_under_true_loads
 from gpmodel.calibration.comparison import Models, Step, fit_steps, nested_models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
@@ -181,10 +182,8 @@ def fleet(
     Each machine is also calibrated alone and with the prior of the type.
     mechanism: mechanism of all machines; None if fleet.toml in the folder names the mechanism.
     tables: a folder with one table per machine, or tables by serial number.
-    effects: as in `calibrate`; () for the geometry alone. With None, effects of the catalogue are selected on all
-    machines together, then further effects of single machines.
-    holdout: held-out share of the poses of each machine; 0 for none. Parameters of the type are fitted to all poses.
-    seed: random seed of held-out poses.
+    effects: as in `calibrate`; () for the geometry alone; None to select effects of the type, then of single machines.
+    holdout: held-out share of the poses of each machine; 0 for none. seed: random seed of held-out poses.
     workers: number of processes, 0 for one per core. executor: runs the searches. Results depend on neither argument.
     journal: keeps the findings of each machine, so that an interrupted call can continue.
     progress: called with progress messages. command: command line, recorded in fleet.json.
@@ -198,7 +197,8 @@ def fleet(
     check_function(progress, "progress")
     say = Reporter(progress)
     machines = machines_of(mechanism, tables)
-    arms = list(machines.values())
+    under = [machine_under_true_loads(arm, poses, seed) for arm, poses in machines.values()]
+    arms = [(arm, poses) for arm, poses, _ in under]
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
     side_by_side = Forks(check_integer(workers, "workers")) if executor is None else executor
     kept = FindingsFile() if journal is None else journal
@@ -222,7 +222,8 @@ def fleet(
         )
         for serial, (_, poses), (train, _), of, fit in zip(machines, arms, rows, steps, final.shrunk, strict=True)
     }
-    return FleetResult(_part(arms, final, _machine_parts(found, own), Origin(command, seed), chosen), found)
+    parts = _machine_parts(found, own, [loads for *_, loads in under])
+    return FleetResult(_part(arms, final, parts, Origin(command, seed), chosen), found)
 
 
 def _part(
@@ -272,11 +273,14 @@ def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Mod
 
 
 def _machine_parts(
-    found: Mapping[str, CalibrationResult], own: Sequence[tuple[Effect, ...]]
+    found: Mapping[str, CalibrationResult], own: Sequence[tuple[Effect, ...]], under: Sequence[str]
 ) -> tuple[MachinePart, ...]:
-    """Return the records of the machines: noise of the fit to all poses, and errors on held-out poses."""
-    out = []
-    for name, (serial, machine), extra in zip(folder_names(list(found)), found.items(), own, strict=True):
+    """Return the records of the machines: noise of the fit to all poses, and errors on held-out poses.
+
+    own: effects of each machine beyond the effects of the type. under: loads of each machine that were not declared.
+    """
+    out, folders = [], folder_names(list(found))
+    for name, (serial, machine), extra, loads in zip(folders, found.items(), own, under, strict=True):
         ladder, data = machine.calibrated, machine.calibrated.poses.dataset
         errors = {step.step: step.heldout.rms_mm for step in ladder.records()}
         out.append(
@@ -284,7 +288,7 @@ def _machine_parts(
                 serial=serial, folder=name, effects=tuple(dict.fromkeys(without_phase(e.name) for e in extra)),
                 file=data.source, sha256=data.sha256, poses=len(data), train=len(ladder.train),
                 sigma_mm=1e3 * ladder.final.sigma, standard_mm=errors["standard"],
-                own_mm=errors[ladder.steps[-2].name], fleet_mm=errors[PRIOR],
+                own_mm=errors[ladder.steps[-2].name], fleet_mm=errors[PRIOR], loads=loads,
             )
         )  # fmt: skip
     return tuple(out)

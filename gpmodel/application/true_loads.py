@@ -17,7 +17,8 @@ from gpmodel.evidence.residual import residual_of
 from gpmodel.families.load import mass_at_tool
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.model.error_model import Poses, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import JUDGED
 
 
@@ -45,6 +46,18 @@ def under_true_loads(
         return found
     again = replace(again, loads=" and ".join(other.said.values()), seconds=found.seconds + again.seconds)
     return _beside_payload(again) if "payload" in other.said else again
+
+
+def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> tuple[Mechanism, Poses, str]:
+    """Return a machine and its poses with the loads that explain the residual of the standard model, and these loads
+    in words; unchanged, with an empty text, if the declared loads explain it."""
+    if not isinstance(mechanism, LoadedMechanism):
+        return mechanism, poses, ""
+    fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses, seed=seed)
+    other = other_loads(fit, poses, (), OtherLoads(mechanism, poses.dataset))
+    if other is None:
+        return mechanism, poses, ""
+    return other.mechanism, prepare(other.mechanism, other.dataset), " and ".join(other.said.values())
 
 
 def _other_loads(found: Discovery) -> OtherLoads | None:

@@ -144,6 +144,7 @@ class MachinePart(msgspec.Struct, frozen=True):
     sigma_mm: standard deviation σ of one coordinate, mm.
     standard_mm, own_mm, fleet_mm: RMS 3-D errors on held-out poses of the standard model, of the fit to the machine's
     poses alone and of the fit with the prior of the type; null if no pose is held out.
+    loads: loads in words that were fitted in the place of the declared loads; empty for the declared loads.
     """
 
     serial: Label
@@ -157,6 +158,7 @@ class MachinePart(msgspec.Struct, frozen=True):
     standard_mm: Deviation | None
     own_mm: Deviation | None
     fleet_mm: Deviation | None
+    loads: Name = ""
 
 
 class SharedPart(msgspec.Struct, frozen=True):

@@ -31,6 +31,7 @@ from gpmodel.report.picture import (
     numbers,
     rms,
 )
+from gpmodel.report.words import fitted_loads
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,6 +197,7 @@ def sentences(fleet: FleetPart) -> list[str]:
     further = [f"{m.serial} also has {', '.join(m.effects)}" for m in fleet.machines if m.effects]
     parts += further[:MOST_SAID]
     parts += [f"{len(further) - MOST_SAID} more machines have further effects"] if len(further) > MOST_SAID else []
+    parts += [f"{m.serial}: {fitted_loads(m.loads).rstrip('.')}" for m in fleet.machines if m.loads][:MOST_SAID]
     among = " in the common effects" if further else ""
     if len(fleet.machines) < FEWEST:
         parts.append(NOT_TESTED)

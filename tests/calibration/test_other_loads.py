@@ -108,3 +108,15 @@ def test_discover_names_the_compliances_under_the_true_loads(gravity: tuple[floa
         (finding,) = (f for f in found.findings if joint in f.name)
         if "compliance" in text:
             assert finding.value == pytest.approx(float(value), abs=3 * finding.stderr)
+
+
+def test_a_fleet_says_which_machine_carried_an_undeclared_payload() -> None:
+    tables = {f"M{k}": measured("irb6400r", 20 + k, None, loaded=k == 2) for k in range(4)}
+    found = gp.fleet("irb6400r", tables, ["joint_compliance J2", "joint_compliance J3"], workers=1)
+    assert [machine.serial for machine in found.record.machines if machine.loads] == ["M2"]
+    assert "M2: The declared loads do not explain the residual" in found.verdict
+    true = {"joint compliance, J2": 1e-6, "joint compliance, J3": 2e-6}
+    means = {part.name: part for part in found.record.effects if part.name in true}
+    assert set(means) == set(true)
+    for name, part in means.items():
+        assert part.mean == pytest.approx(true[name], abs=3 * part.stderr)
