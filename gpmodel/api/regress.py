@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from gpmodel.api.arguments import brief, check_integer, check_number, check_texts, file_path
 from gpmodel.api.table import Shown, aligned
-from gpmodel.arrays import Array
+from gpmodel.arrays import LARGEST, Array
 from gpmodel.errors import InputError, choices
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
@@ -53,14 +53,15 @@ class Regression(Shown):
     def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
         """Predict the response at other rows, by the best formula or by formula number `law`, from 0.
 
-        Raises InputError for a missing column or an invalid number.
+        A prediction is NaN in a row in which the formula is not defined. Raises InputError for a missing column, or a
+        value that is not a finite real number.
         """
         names, values = _columns(X, self.names)
         if law is not None and not 0 <= check_integer(law, "law") < len(self.laws):
             raise InputError(f"{law}, expected 0 to {len(self.laws) - 1}", "law")
         chosen = self.best if law is None else self.laws[law]
         found = chosen.program.evaluate(dict(zip(names, values, strict=True)))[0]
-        return np.broadcast_to(found, (values.shape[1],)).copy()
+        return np.where(np.isfinite(found), found, np.nan)
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return one row per formula.
@@ -110,10 +111,13 @@ def regress(
     X: inputs, as a DataFrame, or an array with one column per input. Column values of order one are searched best.
     y: response, one number per row of X.
     names: names of the columns of an array; None for x1 ... xK.
-    seconds: duration of the search, unless an exact formula is found earlier.
+    seconds: duration of the search, unless an exact formula is found earlier. At most 100 (1 + seconds) rows, drawn at
+    random, are searched; the constants are fitted to all rows afterwards. The last step may end after the limit.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
-    The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats.
-    Raises InputError for inconsistent shapes, fewer than 5 rows, values that are not finite, or a constant y.
+    The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula
+    explodes between neighbouring rows, as at a pole, its deviation from a straight line counts as a residual in R².
+    Raises InputError for inconsistent shapes, fewer than 5 rows, a constant y, or values that are complex, masked, not
+    finite or above 1e100.
     Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.
     """
     seconds, seed = check_number(seconds, "seconds", 0.0), check_integer(seed, "seed")
@@ -140,10 +144,10 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
         if missing:
             raise InputError(f"no column '{missing[0]}', there are {choices(missing[0], named)}", "X")
         columns = table.set_axis(list(named), axis=1)[list(wanted)]
-        text = [n for n, kind in zip(wanted, columns.dtypes, strict=True) if not pd.api.types.is_numeric_dtype(kind)]
-        if text:
-            raise InputError(f"column '{text[0]}' holds no numbers, expected numbers in every column", "X")
-        return wanted, columns.to_numpy(dtype=float).T
+        for name, kind in zip(wanted, columns.dtypes, strict=True):
+            if not pd.api.types.is_numeric_dtype(kind) or pd.api.types.is_complex_dtype(kind):
+                raise InputError(f"column '{name}' holds no numbers, expected real numbers in every column", "X")
+        return wanted, _checked(columns.to_numpy(dtype=float, na_value=np.nan), "X", wanted).T
     values = _numbers(table, "X")
     values = values[:, None] if values.ndim == 1 else values
     if values.ndim != 2 or not values.size:
@@ -151,7 +155,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
     wanted = tuple(f"x{k + 1}" for k in range(values.shape[1])) if names is None else names
     if len(wanted) != values.shape[1]:
         raise InputError(f"{values.shape[1]} columns, expected {len(wanted)}: {', '.join(wanted)}", "X")
-    return wanted, values.T
+    return wanted, _checked(values, "X", wanted).T
 
 
 def _response(y: ArrayLike, rows: int) -> Array:
@@ -161,13 +165,26 @@ def _response(y: ArrayLike, rows: int) -> Array:
         raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")
     if rows < FEWEST:
         raise InputError(f"{rows} rows, expected {FEWEST} or more", "X")
-    if not np.isfinite(response).all():
-        raise InputError(f"not finite in row {np.flatnonzero(~np.isfinite(response))[0]}, expected numbers", "y")
-    return response
+    return _checked(response, "y")
+
+
+def _checked(values: Array, argument: str, names: tuple[str, ...] = ()) -> Array:
+    """Return values (rows, columns); raise InputError for a value that is not finite or too large to be squared."""
+    wrong = np.argwhere(~(np.abs(values) <= LARGEST))
+    if len(wrong):
+        place, value = tuple(wrong[0].tolist()), values[tuple(wrong[0])]
+        what = f"{value:g} in" if np.isfinite(value) else "not finite in"
+        column = f"column '{names[place[1]]}' is " if names else ""
+        raise InputError(f"{column}{what} row {place[0]}, expected numbers up to {LARGEST:g}", argument)
+    return values
 
 
 def _numbers(value: ArrayLike, argument: str) -> Array:
+    """Return a value as an array of numbers, masked values as NaN. Raises InputError if it holds no real numbers."""
+    if np.iscomplexobj(value):
+        raise InputError("complex numbers, expected real numbers", argument)
     try:
-        return np.asarray(value, dtype=float)
+        numbers = np.asarray(value, dtype=float)
+        return np.where(np.ma.getmaskarray(value), np.nan, numbers) if np.ma.isMaskedArray(value) else numbers
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{brief(value)}, expected numbers", argument) from None

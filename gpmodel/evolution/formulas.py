@@ -69,10 +69,10 @@ def formulas_at(
     population = Formulas(there)
     if len(names) == 1:
         column = asked.inputs.values[0]
-        population.add(_of_column(names[0], column, asked.targets, there.parsimony, (STARTED, KEPT)))
+        population.add(_of_column(there, names[0], column, asked.targets, (STARTED, KEPT)))
     else:
         structures = _of_two(asked, there) if len(names) == 2 else _of_more(asked)
-        population.add(itertools.chain.from_iterable(structure.programs() for structure in structures))
+        population.add(itertools.chain.from_iterable(s.programs() for s in structures if not there.is_over()))
     read = {name for one in population.best(1) for name in one.program.inputs}
     shortened(population)
     evolve_formulas(population, [name for name in there.inputs.names if name in read.union(names)], generations)
@@ -187,7 +187,7 @@ def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
         population.add(_products(rest).programs())
         firsts = [one.program for one in population.best(PIECES)]
         seen = without(problem.targets, product)
-        return _added(problem, firsts, _of_column(last, columns[-1], seen, problem.parsimony))
+        return _added(problem, firsts, _of_column(problem, last, columns[-1], seen))
 
     return _Structure(noise, programs)
 
@@ -205,16 +205,17 @@ def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Pr
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
     """Return formulas for each input of a problem, searched with the residual statistics (Targets) of the input."""
     inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
-    return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
+    return [_of_column(problem, name, column, seen) for name, column, seen in inputs]
 
 
 def _of_column(
-    name: str, column: Array, targets: Targets, parsimony: float, most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES)
-) -> list[Program]:
+    problem: SlotProblem, name: str, column: Array, targets: Targets,
+    most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES),
+) -> list[Program]:  # fmt: skip
     """Return formulas of one input with values `column`, those of shortest description.
     most: number of founders (first formulas) whose constants are fitted, and number of returned formulas."""
     few, seen = binned(column, targets)
-    population = Formulas(SlotProblem(Inputs((name,), few[None]), seen, parsimony=parsimony))
+    population = Formulas(replace(problem, inputs=Inputs((name,), few[None]), targets=seen))
     population.add([parse(repr(name)), *founders(name, column, targets, most[0])])
     return [one.program for one in population.best(most[1])]
 
@@ -239,7 +240,7 @@ def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
     column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:
-        found = _of_column("joined", column, targets, problem.parsimony)
+        found = _of_column(problem, "joined", column, targets)
         return [one.with_inputs({"joined": joined}) for one in found]
 
     return _Structure(noise_left(targets, column), programs)

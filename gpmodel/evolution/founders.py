@@ -60,13 +60,10 @@ class Element:
 
     def program(self, inner: Program, low: float, width: float) -> Program:
         """Return the program of the element at an inner program whose values range from ``low`` to ``low + width``."""
-        numbers = {
-            "k": self.k / width,
-            "a": low + self.c * width,
-            "b": low + (self.c + 1.0 / self.k) * width,
-            "d": (width / self.k) ** 2,
-            "e": -((self.k / width) ** 2),
-        }
+        with np.errstate(all="ignore"):
+            scale = np.float64(width) / self.k
+            numbers = {"k": 1.0 / scale, "a": low + self.c * width, "b": low + self.c * width + scale}
+            numbers |= {"d": np.square(scale), "e": -np.square(1.0 / scale)}
         leaves = {name: Node("constant", (), float(f"{n:.6g}")) for name, n in numbers.items()}
         if len(inner.nodes) == 1:
             leaves["q"] = inner.nodes[0]

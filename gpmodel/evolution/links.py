@@ -12,7 +12,7 @@ from functools import reduce
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import LARGEST, Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.founders import combine
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
@@ -49,9 +49,13 @@ class LinkFunction:
 
     def applies(self, response: Array) -> bool:
         """Return whether the response can be recovered from its value under the link function."""
-        there = self.forward(response)
         one_sign = bool(np.all(response > 0) or np.all(response < 0))
-        return bool(np.isfinite(there).all() and np.ptp(there) > 0 and (one_sign or self.operator != "square"))
+        return self._varies(response) and (one_sign or self.operator != "square")
+
+    def _varies(self, column: Array) -> bool:
+        """Return whether the values of a column under the link function are different numbers that can be squared."""
+        there = self.forward(column)
+        return bool(np.abs(there).max() <= LARGEST and np.ptp(there) > 0)
 
     def root_weights(self, response: Array) -> Array:
         """Return the square roots of the weights of the points, the largest 1. An error e of the link function g(y) is
@@ -62,12 +66,13 @@ class LinkFunction:
         return np.asarray(root / root.max())
 
     def always(self, inputs: Mapping[str, Array]) -> list[Program]:
-        """Return the terms of every sum: a constant and, with ``with_inputs``, each input under the link function."""
-        terms = [parse("1")]
-        for name, column in inputs.items():
-            if self.with_inputs and np.all(np.isfinite(self.forward(column))):
-                terms.append(combine(self.operator, parse(repr(name))))
-        return terms
+        """Return the terms of every sum: a constant and, with ``with_inputs``, each input under the link function.
+
+        Constant inputs are no such terms, and no input is if their number exceeds half the number of rows.
+        """
+        solvable = self.with_inputs and all(2 * len(inputs) <= len(column) for column in inputs.values())
+        varying = (name for name, column in inputs.items() if solvable and self._varies(column))
+        return [parse("1"), *(combine(self.operator, parse(repr(name))) for name in varying)]
 
     def targets(self, inputs: Mapping[str, Array], response: Array) -> Targets:
         """Return the response under the link function as one site, with the terms of every sum projected out."""
@@ -140,9 +145,10 @@ def summed(terms: Sequence[tuple[Program, float]]) -> Program:
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
-    """Return {column of `table` (points, terms): coefficient}. A coefficient is free if it gains its price."""
+    """Return {column of `table` (points, terms): coefficient}. A coefficient is free if it gains its price. Of more
+    columns than points the last are left out."""
     scale = np.abs(table).max(axis=0)
-    free = np.flatnonzero(scale > 0).tolist()
+    free = np.flatnonzero(scale > 0)[: len(there) - 1].tolist()
     held: dict[int, float] = {}
     while free:
         part = table[:, free] / scale[free]

@@ -39,10 +39,14 @@ DIGITS = 1e-4
 
 class Formulas:
     """A population of formulas with one output at the first site of a problem; each different formula is fitted once.
-    allows: function that returns whether a program is allowed as a formula."""
+    allows: function that returns whether a program is allowed as a formula. loss: function that returns a share of the
+    residual sum of squares that a program with one coefficient leaves in addition to its residual."""
 
-    def __init__(self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True) -> None:
-        self.problem, self.allows = problem, allows
+    def __init__(
+        self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True,
+        loss: Callable[[Program, float], float] = lambda *_: 0.0,
+    ) -> None:  # fmt: skip
+        self.problem, self.allows, self.loss = problem, allows, loss
         self.columns = problem.inputs.mapping()
         self.found: list[Solution] = []
         self.generation = 0
@@ -60,13 +64,17 @@ class Formulas:
                 if key[0] and key not in self._begun:
                     self._begun.add(key)
                     fresh.append(one)
-        begun = [polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS) for one in fresh]
+        begun = [
+            polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS)
+            for one in fresh
+            if not self.problem.is_over()
+        ]
         order = np.argsort(
             [-float(self.problem.nats(gain, description_size(one))) for one, gain in begun], kind="stable"
         )
         for rank, k in enumerate(order.tolist()):
             program = begun[k][0]
-            if 2 * rank <= len(order):
+            if 2 * rank <= len(order) and not self.problem.is_over():
                 program = polish(program, self.problem.targets, 0, self.columns)[0]
             self.take(program)
 
@@ -79,6 +87,7 @@ class Formulas:
             return
         gain, coefficients = self.problem.targets.set_gain(values, 0)
         name, size = self.problem.targets.names[0], description_size(program)
+        gain -= self.loss(program, float(coefficients[0]))
         one = Solution(program, 0, name, gain, coefficients, size, generation=self.generation)
         self.found[place : place + 1] = [one]
 
@@ -138,7 +147,7 @@ def evolve_formulas(population: Formulas, names: Sequence[str], generations: int
         parents = [one.program for one in population.best(PARENTS)]
         population.add(_offspring(population, parents, names, elements))
         shortened(population)
-        if population.nats() < before + IMPROVED:
+        if population.nats() < before + IMPROVED or population.problem.is_over():
             break
         before = population.nats()
 
@@ -146,7 +155,7 @@ def evolve_formulas(population: Formulas, names: Sequence[str], generations: int
 def shortened(population: Formulas) -> None:
     """Add the shorter forms of the best formulas until the description length no longer falls."""
     before = -np.inf
-    while (most := population.nats()) > before:
+    while (most := population.nats()) > before and not population.problem.is_over():
         before, best = most, population.best(PARENTS)
         population.add(itertools.chain.from_iterable(_promising(population.problem, one, most) for one in best))
 
@@ -172,10 +181,10 @@ def _offspring(
 ) -> list[Program]:
     """Return the most promising offspring. elements: {input: values (elements, poses) of the elements of the input}."""
     trials: list[_Trial] = []
-    for program in parents:
+    for program in itertools.takewhile(lambda _: not population.problem.is_over(), parents):
         values = program.evaluate(population.columns)[0]
         trials += _composed(population, program, values)
-        for name, of_input in elements.items():
+        for name, of_input in itertools.takewhile(lambda _: not population.problem.is_over(), elements.items()):
             trials += _joined(population, program, values, name, of_input)
         trials += _tilted(population, program, names)
     best = sorted(trials, key=lambda trial: -trial.nats)[:OFFSPRING]

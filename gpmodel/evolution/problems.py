@@ -1,6 +1,6 @@
 """Problems of a search: a compensator in Cartesian space, or the basis function (and site) of an effect."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
@@ -128,14 +128,20 @@ class CartesianProblem:
         return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
 
 
+def never() -> bool:
+    """Return False: the time of a search without a limit is never over."""
+    return False
+
+
 @dataclass(frozen=True)
 class SlotProblem:
     """Search for the basis function of an effect and its site; coefficients are solved by projection. parsimony: price
-    of a node or a coefficient, nats."""
+    of a node or a coefficient, nats. is_over: function that returns whether the time of the search is over."""
 
     inputs: Inputs
     targets: Targets
     parsimony: float = 1.0
+    is_over: Callable[[], bool] = never
     slice: ClassVar[int] = 512
     start: ClassVar[tuple[str, ...]] = ()
     can_stop_early: ClassVar[bool] = False
@@ -151,15 +157,11 @@ class SlotProblem:
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
         """Return the problem at one site with the inputs of the given names."""
-        return SlotProblem(self.inputs.select(names), self.targets.only(site), self.parsimony)
+        return replace(self, inputs=self.inputs.select(names), targets=self.targets.only(site))
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, self.parsimony)
-
-    def set_gain(self, values: Array, site: int) -> float:
-        """Return the gain of several outputs (outputs, poses) at a site, with their coefficients solved together."""
-        return self.targets.set_gain(values, site)[0]
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) minus the price of the

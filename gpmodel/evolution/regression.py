@@ -15,6 +15,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
+from gpmodel.evolution.between import PointsBetween
+from gpmodel.evolution.constants import polish
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.founders import combine
@@ -35,8 +37,12 @@ EXACT = 1e-20
 """Share of the response's variance below which a residual is a rounding error (rounding errors: about 1e-28)."""
 PROMISING = 1.0 - 1e-7
 """Gain above which the formula of a program is at once tested for exactness."""
+ROWS = 100
+"""Number of rows of a search per second of computing time, and in addition. Of a longer table random rows are searched;
+the constants of the best formulas are fitted to all rows afterwards."""
 FINISHING, FOUNDERS = 0.15, 12
-"""Share of the computing time in which the best formulas are bred further; number of formulas that are bred further."""
+"""Share of the computing time in which the best formulas are bred further, formulas of one term are searched, or
+formulas are fitted to all rows of a long table; number of formulas that are bred further."""
 PASSES = 2
 """Number of solutions of a quotient, each weighted by the denominator of the previous solution."""
 MOST_INPUTS = 2
@@ -49,7 +55,8 @@ BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 
 @dataclass(frozen=True)
 class Law:
-    """A formula of a response. left: residual share of the response's variance. nats: description length, nats."""
+    """A formula of a response. left: share of the response's variance in the residual, and in explosions of the formula
+    between the rows. nats: description length, nats."""
 
     program: Program
     left: float
@@ -70,40 +77,79 @@ def regression_front(
 ) -> tuple[Law, ...]:
     """Return formulas of a response (points,) that fit better than all shorter ones; the mean of the response is first.
 
-    The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(residual share
-    of variance) + PRICE (nodes + constants). Link functions take turns of one generation; a population without progress
-    is replaced by a random one. Raises InputError if the response is constant or not finite.
+    The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(share of
+    variance) + PRICE (nodes + constants), with the share in the residual and in explosions between the rows
+    (``gpmodel.evolution.between``). Link functions take turns of one generation; a population without progress is
+    replaced by a random one. A table of more than ROWS (1 + seconds) rows is searched on random rows. Constant
+    inputs are left out. Raises InputError if the response is constant or not finite.
     """
     regression(response)
-    began, columns = clock(), inputs.mapping()
+    began = clock()
     response = np.asarray(response, dtype=float)
-    shortest = (repr(float(response.mean())), *map(repr, inputs.names))
-    found = list(_judged(map(parse, shortest), columns, response))
-    islands = [_Island(inputs, response, link, rng) for link in LINKS if link.applies(response)]
+    some = np.sort(rng.permutation(len(response))[: round(ROWS * (1.0 + seconds))])
+    varying = inputs.select([name for name in inputs.names if np.ptp(inputs[name][some]) > 0] or inputs.names[:1])
+    few = replace(varying, values=varying.values[:, some])
+    if not np.ptp(response[some]):
+        raise InputError(f"response: constant in {len(some)} random rows, nothing to explain")
+    between = PointsBetween(few.mapping(), float(response.var()), np.random.default_rng(0))
+    is_long = len(some) < len(response)
+    search_seconds = (1.0 - FINISHING * is_long) * seconds
+    found = _searched(few, response[some], rng, lambda share: clock() - began > share * search_seconds, between)
+    if not is_long:
+        return _front(found)
+    every, targets, laws = _Judge(inputs.mapping(), response, between), _plain(response), list[Law]()
+    for law in sorted(_front(found), key=lambda law: law.nats):
+        again = law.program if clock() - began > seconds else polish(law.program, targets, 0, every.columns)[0]
+        laws += every([again])
+    return _front(laws)
+
+
+def _searched(
+    inputs: Inputs, response: Array, rng: np.random.Generator, is_past: Callable[[float], bool], between: PointsBetween
+) -> list[Law]:
+    """Return the formulas of a search: programs are bred under all links, and the best formulas are bred further.
+    is_past: function that returns whether a share of the computing time is over."""
+    judged = _Judge(inputs.mapping(), response, between)
+    found = judged(map(parse, (repr(float(response.mean())), *map(repr, inputs.names))))
+    problem = SlotProblem(inputs, _plain(response), PRICE, lambda: is_past(1.0))
+    islands = [_Island(problem, response, link, rng) for link in LINKS if link.applies(response)]
     for island in islands:
-        found += _judged(island.formulas([[]]), columns, response)
-    while clock() - began < (1.0 - FINISHING) * seconds and not _exact(found):
+        found += judged(island.formulas([[]]))
+    has_short = len(inputs.names) <= MOST_INPUTS
+    while not is_past(1.0 - FINISHING * (1 + has_short)) and not _exact(found):
         for island in islands:
             guests = [one for other in islands if other is not island for one in other.best()]
-            found += _judged(island.step(guests if island.is_stuck else []), columns, response)
+            found += judged(island.step(guests if island.is_stuck else []))
     if not _exact(found):
-        every = [list(_judged(island.every(), columns, response)) for island in islands]
+        every = [judged(island.every()) for island in islands]
         found += chain.from_iterable(every)
         least = [min((law.nats for law in some), default=np.inf) for some in every]
-        if len(inputs.names) <= MOST_INPUTS:
-            found += _judged(islands[int(np.argmin(least))].short(), columns, response)
-        found += _judged(_finished(found, inputs, response), columns, response)
-    if not found:
-        raise InputError("regress: no program is finite on these inputs")
+        if has_short and not problem.is_over():
+            found += judged(islands[int(np.argmin(least))].short())
+        found += judged(_finished(found, problem, between))
+    return found
+
+
+def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
+    """Return the formulas that fit better than all shorter ones, shortest first."""
     front: list[Law] = []
-    for law in sorted(found, key=lambda law: (law.length, law.left)):
+    for law in sorted(laws, key=lambda law: (law.length, law.left)):
         if not front or law.left < front[-1].left:
             front.append(law)
+    if not front:
+        raise InputError("regress: no program is finite on these inputs")
     return tuple(front)
 
 
 def _exact(laws: Iterable[Law]) -> bool:
     return any(law.left < EXACT for law in laws)
+
+
+def _plain(response: Array) -> Targets:
+    """Return the response as one site with unit sensitivity and without an intercept."""
+    ones, nothing = np.ones((1, len(response))), np.zeros((1, 1, len(response)))
+    energy = float(response @ response)
+    return Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
 
 
 @dataclass(frozen=True)
@@ -165,13 +211,15 @@ class QuotientProblem(SlotProblem):
 class _Island:
     """A population under one link function, and the best program found for each size."""
 
-    def __init__(self, inputs: Inputs, response: Array, link: LinkFunction, rng: np.random.Generator) -> None:
-        self.link, self.columns, self.response = link, inputs.mapping(), response
+    def __init__(self, plain: SlotProblem, response: Array, link: LinkFunction, rng: np.random.Generator) -> None:
+        self.link, self.columns, self.response = link, plain.inputs.mapping(), response
         targets = link.targets(self.columns, response)
-        plain = SlotProblem(inputs, targets, parsimony=PRICE)
-        problem = QuotientProblem(inputs, targets, parsimony=PRICE, response=response) if link.quotient else plain
-        self.problem = problem
-        self.run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), rng)
+        self.problem: SlotProblem = (
+            QuotientProblem(plain.inputs, targets, PRICE, plain.is_over, response)
+            if link.quotient
+            else replace(plain, targets=targets)
+        )
+        self.run = Generations(self.problem, Settings(SEQUENCES, budget=BUDGET), rng)
         self.population, self.scores = self.run.start()
         self.archive, self.record, self.idle = Archive(), np.inf, 0
 
@@ -226,31 +274,39 @@ class _Island:
                 yield formula
 
 
-def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[Program]:
+def _finished(laws: Iterable[Law], problem: SlotProblem, between: PointsBetween) -> Iterator[Program]:
     """Return formulas bred from the shortest descriptions, with constants fitted to the response itself."""
-    ones, nothing = np.ones((1, len(response))), np.zeros((1, 1, len(response)))
-    energy = float(response @ response)
-    plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
-    population = Formulas(SlotProblem(inputs, plain, parsimony=PRICE))
+    share = between.variance * problem.targets.poses / problem.targets.energy
+    population = Formulas(problem, loss=lambda program, factor: share * between.loss(program, factor))
     population.add(law.program for law in sorted(laws, key=lambda law: law.nats)[:FOUNDERS])
-    evolve_formulas(population, inputs.names, 1)
+    evolve_formulas(population, problem.inputs.names, 1)
     return (one.program for one in population.found)
 
 
-def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> Iterator[Law]:
-    """Yield programs with finite values as formulas, times the best factor, with their residual and their description
-    length."""
-    variance = float(np.sum(np.square(response - response.mean())))
-    for program in programs:
-        fit = program.evaluate(columns)[0]
-        with np.errstate(all="ignore"):
-            size = float(fit @ fit)
-        if not np.isfinite(size) or size <= 0:
-            continue
-        factor = float(fit @ response) / size
-        left = float(np.sum(np.square(response - factor * fit))) / variance
-        law = Law(_scaled(program, factor), left, 0.5 * len(response) * float(np.log(max(left, EXACT))))
-        yield replace(law, nats=law.nats + PRICE * law.length)
+@dataclass(frozen=True)
+class _Judge:
+    """Judge of programs as formulas of a response. columns: values of the inputs. between: points between the rows."""
+
+    columns: dict[str, Array]
+    response: Array
+    between: PointsBetween
+
+    def __call__(self, programs: Iterable[Program]) -> list[Law]:
+        """Return programs with finite values as formulas, times the best factor."""
+        found, response = list[Law](), self.response
+        variance = float(np.sum(np.square(response - response.mean())))
+        for program in programs:
+            fit = program.evaluate(self.columns)[0]
+            with np.errstate(all="ignore"):
+                size = float(fit @ fit)
+            if not np.isfinite(size) or size <= 0:
+                continue
+            factor = float(fit @ response) / size
+            left = float(np.sum(np.square(response - factor * fit))) / variance + self.between.loss(program, factor)
+            law = Law(_scaled(program, factor), left, 0.0)
+            nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * law.length
+            found.append(replace(law, nats=nats))
+        return found
 
 
 def _scaled(program: Program, factor: float) -> Program:

@@ -15,11 +15,14 @@ from spherical_cases import JOINT, OFFSETS
 
 import gpmodel as gp
 from experiments.spherical_joint.rig import Rig
+from gpmodel.api.regress import Regression
 from gpmodel.api.saved import SavedResult
 from gpmodel.calibration.result import without_outlier_marks
 from gpmodel.cli.calibrate import found_in
 from gpmodel.errors import InputError
+from gpmodel.evolution.regression import Law
 from gpmodel.evolution.scoring import Scores
+from gpmodel.formula.expression import parse
 from gpmodel.report.explain import explain
 from gpmodel.report.saved import read_report
 from gpmodel.report.schema import Report
@@ -298,6 +301,12 @@ def test_the_front_goes_from_short_to_close_and_marks_the_law_of_least_descripti
         ({"X": [["a"]]}, "X: [['a']], expected numbers"),
         ({"seconds": -1}, "seconds: -1"),
         ({"names": ["load", "speed"]}, "X: no column 'speed', there are load, oil temp, idle"),
+        ({"X": FRAME.to_numpy() + 0j}, "X: complex numbers, expected real numbers"),
+        ({"X": FRAME.assign(idle=1j)}, "X: column 'idle' holds no numbers, expected real numbers"),
+        ({"y": LAW + 1j}, "y: complex numbers, expected real numbers"),
+        ({"y": np.ma.masked_greater(LAW.to_numpy(), LAW[4] - 1e-9)}, "y: not finite in row"),
+        ({"X": FRAME.assign(idle=1e200)}, "X: column 'idle' is 1e+200 in row 0"),
+        ({"y": 1e200 * LAW}, "in row 0, expected numbers up to 1e+100"),
     ],
 )
 def test_bad_input_is_one_line(change: dict[str, object], said: str) -> None:
@@ -311,5 +320,13 @@ def test_a_row_of_other_columns_and_a_law_that_is_not_there_are_refused() -> Non
     found = gp.regress(FRAME, LAW, seconds=0.5)
     with pytest.raises(gp.InputError, match="no column 'load'"):
         found.predict(FRAME[["idle"]])
+    with pytest.raises(gp.InputError, match="X: column 'oil temp' is not finite in row 0"):
+        found.predict(FRAME[:1].assign(**{"oil temp": np.nan}))
     with pytest.raises(gp.InputError, match="law: 99, expected 0 to"):
         found.predict(FRAME, 99)
+
+
+def test_a_prediction_is_nan_where_the_formula_is_not_defined() -> None:
+    law = Law(parse("1/a + b"), 0.0, 0.0)
+    predicted = Regression((law,), ("a", "b"), 1.0, 1.0).predict([[0.0, 1.0], [2.0, 1.0]])
+    np.testing.assert_array_equal(predicted, [np.nan, 1.5])

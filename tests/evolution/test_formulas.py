@@ -159,7 +159,7 @@ def test_a_law_less_a_node_still_reads_an_input_and_is_fitted() -> None:
     left = {str(program.with_constants([1.0] * len(program.constants))): program for program in shorter(law, problem)}
     assert all(program.inputs and program.complexity < law.complexity for program in left.values())
     assert "square(tanh(1*J5))" in left
-    assert problem.set_gain(left["square(tanh(1*J5))"].evaluate(problem.inputs.mapping()), 0) > 0.99
+    assert problem.targets.set_gain(left["square(tanh(1*J5))"].evaluate(problem.inputs.mapping()), 0)[0] > 0.99
 
 
 @pytest.mark.parametrize("exponent", [-200, 200])

@@ -167,6 +167,52 @@ def test_a_response_near_its_pole_at_one_point_has_its_law() -> None:
     assert found[-1].left < 1e-20
 
 
-def test_an_input_that_does_not_vary_ends_in_a_law() -> None:
-    found = regression_front(Inputs(("x",), np.ones((1, 9))), np.arange(9.0), np.random.default_rng(0), 0.01)
-    assert str(found[-1].program)
+@pytest.mark.parametrize(
+    "table",
+    [
+        pytest.param(np.ones((1, 9)), id="constant"),
+        pytest.param(np.vstack([RNG.uniform(1, 3, 60), np.zeros(60)]), id="one input is zero"),
+        pytest.param(RNG.normal(size=(200, 60)), id="more inputs than rows"),
+        pytest.param(RNG.uniform(1, 3, (9, 5)), id="nine positive inputs of five rows"),
+        pytest.param(1e90 * RNG.uniform(1, 3, (2, 60)), id="squares of squares overflow"),
+    ],
+)
+def test_any_table_ends_in_a_law_without_a_warning(table: np.ndarray) -> None:
+    inputs = Inputs(tuple(f"x{k}" for k in range(len(table))), table)
+    response = np.abs(table[0]).max() * np.linspace(1.0, 2.0, table.shape[1]) ** 3
+    found = regression_front(inputs, response, np.random.default_rng(0), 100.0, clock=count().__next__)
+    assert np.isfinite([law.left for law in found]).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("inputs", "rows"), [(3, 20_000), (1, 3000), (2, 300), (200, 60), (4, 200)])
+def test_the_limit_of_time_holds_on_any_table(inputs: int, rows: int) -> None:
+    table = Inputs(tuple(f"x{k}" for k in range(inputs)), np.random.default_rng(1).uniform(1, 3, (inputs, rows)))
+    noise = 0.1 * np.random.default_rng(2).normal(size=rows)
+    response = np.sin(table.values[0]) * table.values[-1] + noise
+    regression_front(INPUTS, values_of("a") + 0.1 * noise[:1], np.random.default_rng(0), 0.5)  # compiles the loops
+    began = time.process_time()
+    regression_front(table, response, np.random.default_rng(0), 2.0, clock=time.process_time)
+    assert time.process_time() - began < 3.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_formula_of_noisy_friction_has_no_pole_between_the_rows(seed: int) -> None:
+    rng = np.random.default_rng([7, 23])
+    speed = rng.uniform(-1, 1, 200), rng.uniform(-1, 1, 2000)
+    here, there = ((2 + 1.5 * np.exp(-((v / 0.2) ** 2))) * np.tanh(v / 0.01) + 0.8 * v for v in speed)
+    noisy, inputs = here + 0.02 * here.std() * rng.normal(size=200), Inputs(("v",), speed[0][None])
+    found = regression_front(inputs, noisy, np.random.default_rng(seed), 5.0, clock=time.process_time)
+    law = min(found, key=lambda law: law.nats)
+    assert np.abs(law.program.evaluate({"v": speed[1]})[0] - there).max() < here.std()
+
+
+@pytest.mark.long
+def test_constants_of_a_long_table_are_those_of_all_rows() -> None:
+    a = np.random.default_rng(4).uniform(1, 3, 5000)
+    noise = 0.1 * np.random.default_rng(5).normal(size=5000)
+    response = 3.0 + 2.0 * np.sin(2.0 * a) + noise
+    found = regression_front(Inputs(("a",), a[None]), response, np.random.default_rng(0), 3.0, time.process_time)
+    law = min(found, key=lambda law: law.nats)
+    assert np.mean(np.square(response - law.program.evaluate({"a": a})[0])) < 1.001 * np.mean(np.square(noise))
