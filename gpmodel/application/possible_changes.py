@@ -15,7 +15,7 @@ from gpmodel.calibration.rivals import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
-from gpmodel.families.load import mass_at_tool
+from gpmodel.families.load import mass_at_tool, moments_at_tool
 from gpmodel.families.session import arm_growth
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
@@ -99,13 +99,14 @@ class PossibleChange:
         return _chance(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change; of the length of the vector for a change of several numbers."""
+        """Return size and standard error of the change: of the length of the vector for a change of several numbers, or
+        of the first number if the others have another unit."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
-        size = float(np.linalg.norm(values))
-        along = values / size if size > 0 else v[0]
+        size, alone = float(np.linalg.norm(values)), len({effect.unit for effect in self.effects}) > 1
+        along = np.eye(len(values))[0] if alone else values / size if size > 0 else v[0]
         deviation = float(np.linalg.norm((v @ along) / s))
-        return (float(values[0]) if len(values) == 1 else size), deviation
+        return (float(values[0]) if alone or len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
         """Return the change with the columns of other changes projected out; all zeros if nothing remains."""
@@ -160,15 +161,17 @@ def _tools(found: Recheck) -> Iterator[PossibleChange]:
 def _mass(found: Recheck) -> Iterator[PossibleChange]:
     """Yield a change of the mass at the tool, which displaces every compliant joint of the model.
 
-    Without a declared centre of mass, the mass is at the tool point.
+    Without a declared centre of mass, the first moments of the mass about the tool point are unknown too.
     """
     saved, states = found.session.saved, found.session.poses.states
     point = np.mean([frame[:3, 3] for frame in saved.placement.tool.values()], axis=0)
-    com = None if choice_of(saved.mechanism).payload_com else point
-    effect = mass_at_tool(saved.mechanism, states, saved.model.effects, saved.theta, com)
+    stated = choice_of(saved.mechanism).payload_com is not None
+    carrying = saved.mechanism, states, saved.model.effects, saved.theta
+    effect = mass_at_tool(*carrying, None if stated else point)
     if effect is not None:
-        raw = found.problem.effect_rows([effect], saved.model)
-        yield PossibleChange(effect.name, "tool", effect.unit, raw, effects=(effect,))
+        effects = (effect, *(() if stated else moments_at_tool(*carrying)))
+        raw = found.problem.effect_rows(effects, saved.model)
+        yield PossibleChange(effect.name, "tool", effect.unit, raw, effects=effects)
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:

@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gpmodel.application.extrapolation import extrapolated
 from gpmodel.application.kinematics import REACHED, matched_with_readings, tips, with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
@@ -284,7 +285,8 @@ def recheck(session: Session) -> Recheck:
     own = -blocks.means(made_up)
     own[:, at[known]] += rows[:, known]
     own = np.hstack([own, blocks.means(problem.effect_rows(saved.covariance.alternatives, saved.model))])
-    unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions)]
+    beyond = extrapolated(saved, session.fitted, problem)
+    unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions), blocks.means(beyond)]
     u, s, _ = np.linalg.svd(np.hstack(unsure) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)
     placed = spread.whiten(rows[:, free])

@@ -1,6 +1,7 @@
 """Families of effects that follow the loads: bending, twist, tilt and sag, under known or unknown weights."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -227,6 +228,20 @@ def mass_at_tool(
             if own:
                 terms.append(Term(t.slot, t.axis, Expression(_weighted(str(t.basis), own)), t.weight * value))
     return Effect(MASS, tuple(terms), "kg") if terms else None
+
+
+def moments_at_tool(
+    mechanism: Mechanism, states: States, effects: Sequence[Effect], theta: Array
+) -> tuple[Effect, ...]:
+    """Return the displacements, m and rad per kg m, that first moments of mass along x, y, z of the tool cause.
+
+    Arguments as of `mass_at_tool`; empty where it returns None.
+    """
+    made = [mass_at_tool(mechanism, states, effects, theta, point) for point in (np.zeros(3), *np.eye(3))]
+    start, *ends = [effect.terms if effect else () for effect in made]
+    back = tuple(replace(term, weight=-term.weight) for term in start)
+    named = zip("xyz", ends, strict=True)
+    return tuple(Effect(f"{MASS}, first moment along {a}", (*end, *back), "kg m") for a, end in named if end)
 
 
 def _unit_loads(states: States) -> Mapping[str, Array]:

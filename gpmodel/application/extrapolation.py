@@ -1,0 +1,78 @@
+"""Errors of a model at columns and payloads beyond those of its fit."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.application.kinematics import with_model_labels
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.unmeasured_joints import without_eliminated
+from gpmodel.families.catalogue import candidates
+from gpmodel.families.load import moments_at_tool
+from gpmodel.mechanism.source import choice_of
+from gpmodel.model.error_model import Placement, Poses, prepare
+from gpmodel.table.units import clock_names
+
+
+def columns_beyond(saved: SavedModel, poses: Poses) -> set[str]:
+    """Return the columns of a later table that the model reads and that are beyond the range of the fit."""
+    read = {name for effect in saved.model.effects for name in effect.inputs} - clock_names(saved.input_units)
+    extras = poses.dataset.extras
+    return {
+        name
+        for name in read & set(extras) & set(saved.ranges)
+        if extras[name].min() < saved.ranges[name][0] or extras[name].max() > saved.ranges[name][1]
+    }
+
+
+def extrapolated(saved: SavedModel, fitted: Placement, problem: Linearised) -> Array:
+    """Return the errors of a model at rows of a later session beyond the fit, m, one column per unknown, of one
+    standard deviation each; without columns within the ranges of the fit.
+
+    An effect with the column h at the fit, F the columns of the fitted parameters, and g, G the columns later, is known
+    to ± σ/|h - F b| from the fit, with F b the part that the parameters absorbed. Later it moves the rows by g - G b.
+    The effects are those of the catalogue that read a column beyond its range. The centre of mass of a payload beyond
+    the range that no description states is within the lever of the tool point.
+    """
+    return np.column_stack(
+        [np.zeros((len(problem.residual), 0)), *_unlearned(saved, fitted, problem), *_carried(saved, problem)]
+    )
+
+
+def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Iterator[Array]:
+    beyond = columns_beyond(saved, problem.poses)
+    if saved.measured is None or not beyond:
+        return
+    data, own = with_model_labels(saved, saved.measured.dataset), {effect.name for effect in saved.model.effects}
+    poses = prepare(saved.mechanism, data)
+    effects = [
+        effect
+        for candidate in candidates(saved.mechanism, poses.states)
+        if candidate.kind == "single"
+        for effect in candidate.effects
+        if beyond & set(effect.inputs) and effect.name not in own and not effect.of_the_instrument
+    ]
+    use = np.ones(len(poses), dtype=bool)
+    fit = linearise(saved.model, poses, saved.theta, placed, saved.rotation_weight, use)
+    numbers, nothing = range(len(saved.model.effects)), np.zeros(len(problem.residual))
+    there = dict(zip([*problem.placement_names, *numbers], problem.columns.T, strict=True))
+    later = [there.get(key, nothing) for key in (*fit.placement_names, *numbers)]
+    h, g = (p.effect_rows(effects, saved.model) for p in (fit, problem))
+    share = np.linalg.lstsq(fit.columns, h, rcond=1e-9)[0]
+    left = without_eliminated(h - fit.columns @ share, np.linalg.norm(h, axis=0))
+    known = np.linalg.norm(left, axis=0)
+    moved = g - np.column_stack(later) @ share
+    yield saved.spread * moved[:, known > 0] / known[known > 0]
+
+
+def _carried(saved: SavedModel, problem: Linearised) -> Iterator[Array]:
+    """Yield the displacement by a centre of mass of the payload off its place, along each axis of the tool."""
+    if choice_of(saved.mechanism).payload_com is not None or saved.measured is None:
+        return
+    known, payload = saved.measured.dataset.payload, problem.poses.dataset.payload
+    more = payload - np.clip(payload, known.min(), known.max())
+    effects = moments_at_tool(saved.mechanism, problem.poses.states, saved.model.effects, saved.theta)
+    if more.any() and effects:
+        yield problem.effect_rows(effects, saved.model) * saved.lever * more[problem.pose_of_row, None]
