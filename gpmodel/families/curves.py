@@ -9,7 +9,7 @@ from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
 from gpmodel.families.candidate import Candidate, loaded, one, relative, revolute, share_of_rows
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.effect import Effect, axis_unit, effect_at
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
@@ -89,7 +89,7 @@ def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield a linear drift along the rows at each site."""
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
-        yield one(name, site.effect(name, Expression("row"), "1/row", "session_curve"), 6.0)
+        yield one(name, site.effect(name, Expression("row"), axis_unit(site.axis, "row"), "session_curve"), 6.0)
 
 
 def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -98,7 +98,7 @@ def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candida
         basis = Expression(relative(states, column, states.units[column]))
         for site in sites_of(mechanism):
             name = f"{site.name} following {column}"
-            effect = site.effect(name, basis, f"1/{states.units[column]}", "following")
+            effect = site.effect(name, basis, axis_unit(site.axis, states.units[column]), "following")
             yield one(name, effect, 6.5)
 
 

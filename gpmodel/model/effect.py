@@ -102,9 +102,9 @@ class Effect:
         return out
 
 
-def axis_unit(axis: str) -> str:
-    """Return the unit of an axis: m for a translation, rad for a rotation."""
-    return "m" if axis.startswith("T") else "rad"
+def axis_unit(axis: str, column: str = "1") -> str:
+    """Return the unit of a coefficient: m for a translation, rad for a rotation, each per unit of its `column`."""
+    return ("m" if axis.startswith("T") else "rad") + (f"/{column}" if column != "1" else "")
 
 
 def effect_at(

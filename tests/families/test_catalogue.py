@@ -244,3 +244,19 @@ def test_the_amplitude_of_a_curve_has_the_unit_of_its_motion() -> None:
     (unknown,) = (c for c in pool if c.name == "compliance with unknown masses, J2")
     assert (unknown.kind, unknown.unit) == ("curve", "rad")
     assert {e.unit for e in unknown.effects} != {"rad"}
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "ur5", "dh", "palletiser"])
+@pytest.mark.parametrize(("column", "unit"), [("temperature", "degC"), ("speed", "mm/s"), ("approach_J2", "1")])
+def test_a_coefficient_is_a_motion_per_unit_of_its_column(name: str, column: str, unit: str) -> None:
+    """Of a growth, the motion is relative to a length."""
+    data = replace(bare(name, 30), extras={column: np.linspace(18.0, 25.0, 30)}, extra_units={column: unit})
+    arm, states = mechanism(name), prepare(mechanism(name), data).states
+    pool = [c for family in catalogue.catalogue for c in catalogue.instances(family, arm, states)]
+    linear = [
+        e for c in pool for e in c.effects if all(re.match(rf"{column}( [-+] [\d.]+)?$", str(t.basis)) for t in e.terms)
+    ]
+    assert linear
+    for effect in linear:
+        motion = "1" if "growth" in effect.family else "m" if effect.terms[0].axis[0] == "T" else "rad"
+        assert effect.unit == motion + ("" if unit == "1" else f"/{unit}")
