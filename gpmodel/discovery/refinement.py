@@ -168,10 +168,10 @@ def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParamet
     event = profile(residual, inner)
     if event is not None:
         return inner.at([event.best if c.whole else c.value for c in inner.constants])
-    first, steps = np.array(inner.values), np.array([c.step for c in inner.constants])
+    first, steps, least = np.array([(c.value, c.step, c.least) for c in inner.constants]).T
 
     def left(values: Array) -> float:
-        return _left(residual, inner.at(values.tolist()).effects) if (values > 0).all() else np.inf
+        return _left(residual, inner.at(values.tolist()).effects) if (values > least).all() else np.inf
 
     options = {
         "initial_simplex": first + np.vstack([np.zeros_like(steps), np.diag(0.5 * steps)]),
@@ -284,9 +284,9 @@ def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
 
 
 def _same_sign(value: float, constant: Constant) -> float:
-    """Limit the change of a constant toward zero to half of its size."""
+    """Limit the change of a constant toward zero to half of its size, and to its lower bound."""
     sign = math.copysign(1.0, constant.value)
-    return sign * max(sign * value, 0.5 * sign * constant.value)
+    return sign * max(sign * value, 0.5 * sign * constant.value, constant.least)
 
 
 def _rounded(value: float) -> float:

@@ -165,6 +165,7 @@ _OWN: tuple[Family, ...] = (
     Family("drift", "instrument or base creeps during the session", "ISO 230-3", families_session.drift, clamped=True),
     Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", families_session.setup_step),
     Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", families_session.tool_slip),
+    Family("zero_slip", "the zero of a joint shifted between two rows", "Mooring, Roth and Driels 1991, ch. 1", families_session.zero_slip),
     Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", families_session.warm_up),
     Family("settling", "after an event of the session a part approaches its new state exponentially", "ISO 230-3", families_session.settling),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),

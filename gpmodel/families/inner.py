@@ -29,7 +29,7 @@ class Constant:
     whole: whether the constant is the last row before an event; the basis functions use the middle between that row and
     the next.
     rows: first and last row of the 95 % interval of an event, None if unknown.
-    number: number of the constant's symbol in the template.
+    number: number of the constant's symbol in the template. least: lower bound of the fitted value.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Constant:
     whole: bool = False
     number: int = 0
     rows: tuple[int, int] | None = None
+    least: float = 0.0
 
     @property
     def symbol(self) -> str:

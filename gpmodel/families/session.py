@@ -118,14 +118,17 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for column in _measured_temperatures(states):
         basis = Expression(relative(states, column, states.units[column]))
         for j in mechanism.joints:
-            effect = drive_effect(f"thermal drift of the zero, {j.name} ({column})", j, basis, family="thermal_zero")
-            yield one(effect.name, effect, 5.0)
+            name, unit = (
+                f"thermal drift of the zero, {j.name} ({column})",
+                axis_unit("R" if j.kind == "revolute" else "T", states.units[column]),
+            )
+            yield one(name, drive_effect(name, j, basis, unit, "thermal_zero"), 5.0)
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield a drift of the set-up in proportion to the row, along and about its axes, or to a parabola of the row."""
     name, row = "drift of the set-up", Expression("row")
-    along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
+    along = [effect_at(f"{name}, {a}", "base", a, row, axis_unit(a, "row"), "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
     for effect in along:
         yield one(effect.name, effect, 4.5)
@@ -145,6 +148,17 @@ def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
+def zero_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Yield one shift of each joint zero between two rows, as after a collision."""
+    rows, name = _steps(states), f"zero slipped after row {symbol()}"
+    for j in mechanism.joints:
+        slip = drive_effect(f"{name}, {j.name}", j, Expression(f"step(row - {symbol()})"), family="zero_slip")
+        for row in rows:
+            last = (Constant("last row before it", "row", row, 1.0, whole=True),)
+            price = 3.0 + math.log(len(mechanism.joints) * len(rows))
+            yield inside(NonlinearParameters(slip.name, (slip,), last), "zero_slip", price)
+
+
 def _clock(states: States) -> tuple[str, float, float, str]:
     """Return the column that orders the rows (a time, or the row number), its first value, span and unit."""
     name = states.past.clock if states.past else "row"
@@ -153,12 +167,17 @@ def _clock(states: States) -> tuple[str, float, float, str]:
     return name, float(np.min(values, initial=np.inf)), float(np.ptp(values)) or 1.0, unit
 
 
+def _shortest(states: States, span: float) -> float:
+    """Return the shortest time constant in a session of length `span`: that of two rows. A faster event is a step."""
+    return 2.0 * span / max(len(states) - 1, 1)
+
+
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield warm-up effects exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" or start == 0 else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
-    within = f"within {symbol()} {unit}"
+    within, least = f"within {symbol()} {unit}", _shortest(states, span)
     zeros = [
         drive_effect(f"warm-up of the zero {within}, {j.name}", j, basis, family="warm_up") for j in mechanism.joints
     ]
@@ -166,7 +185,7 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     links = link_growth(f"warm-up of the link before {{slot}} {within}", mechanism, basis, "m/m", "warm_up")
     for effect in (*zeros, *places, *links):
         for share in (0.05, 0.1, 0.2, 0.4):
-            tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span)
+            tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span, least=least)
             yield inside(NonlinearParameters(effect.name, (effect,), (tau,)), "warm_up", 7.0)
 
 
@@ -182,11 +201,11 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     first = f"{origin:.12g} + " if origin else ""
     basis = Expression(f"1 - exp(-max({clock} - ({first}{symbol(0)}), 0)/{symbol(1)})")
     after = f"after {clock} {first}{symbol(0)} within {symbol(1)} {unit}"
-    pause = span / (EVENTS + 1)
+    pause, least = span / (EVENTS + 1), _shortest(states, span)
     for k in range(1, EVENTS + 1):
         moment = Constant("moment of the event", unit, float(f"{start - origin + k * pause:.4g}"), pause)
         for share in (0.05, 0.15, 0.45):
-            tau = Constant("time constant", unit, float(f"{share * span:.3g}"), share * span, number=1)
+            tau = Constant("time constant", unit, float(f"{share * span:.3g}"), share * span, number=1, least=least)
             for effect in _settling(mechanism, basis, after):
                 inner = NonlinearParameters(effect.name, (effect,), (moment, tau))
                 yield inside(inner, "settling", float(np.log(3 * EVENTS)) + 4.0)
@@ -314,8 +333,10 @@ def _following(
     tilting += [(j.name, f"{j.name}.moving", across(j)) for j in revolute(mechanism)]
     for what, slot, axes in tilting:
         name = f"tilt of {what} {where}"
-        effects = tuple(effect_at(f"{name}, R{a}", slot, f"R{a}", basis, f"rad/{kelvin}", family, TILT) for a in axes)
+        effects = tuple(
+            effect_at(f"{name}, R{a}", slot, f"R{a}", basis, axis_unit("R", kelvin), family, TILT) for a in axes
+        )
         yield name, effects, cost + 1.0
     for j in revolute(mechanism):
         name = f"drift of the zero of {j.name} {where}"
-        yield name, (drive_effect(name, j, basis, f"rad/{kelvin}", family, ZERO),), cost + 1.0
+        yield name, (drive_effect(name, j, basis, axis_unit("R", kelvin), family, ZERO),), cost + 1.0

@@ -198,9 +198,8 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
 
 def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iterator[CauseRecord]:
     """Yield the causes in the credible set of a finding; `name` is the name of the finding in the fit to all poses."""
-    found = hypothesis.candidate.name
     for cause in hypothesis.causes.causes if hypothesis.causes else ():
-        said = tuple(name if g.name == found else translate(g.name, names) for g in cause.groups)
+        said = tuple(name if cause.own and k == 0 else translate(g.name, names) for k, g in enumerate(cause.groups))
         yield CauseRecord(said, cause.probability, cause.own, cause.amount)
 
 

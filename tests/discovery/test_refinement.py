@@ -10,7 +10,7 @@ from effect_cases import bare, measure, mechanism, sized
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.refinement import profile, refined, refined_at_one_site, refined_fit
+from gpmodel.discovery.refinement import _nats, profile, refined, refined_at_one_site, refined_fit
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
@@ -185,3 +185,19 @@ def test_a_step_whose_row_was_held_out_is_put_right_by_the_final_fit() -> None:
     (event,) = found.fitted.constants[0]
     assert (event.value, event.low, event.high) == (57, 57, 57)
     assert not len(found.found.outliers)
+
+
+@pytest.mark.parametrize(
+    ("joint", "row", "millimetres"), [("J1", 90, 0.3), ("J2", 60, 0.2), ("J3", 60, 1.0), ("J4", 35, 0.2)]
+)
+def test_a_slip_of_a_zero_is_no_fast_settling(joint: str, row: int, millimetres: float) -> None:
+    """A settling takes two rows or more (here to two digits), and explains a slip less than the slip does."""
+    (slip,) = offered(f"zero slipped after row {row}, {joint}")
+    assert slip.inner is not None
+    left = left_of(slip.inner, millimetres)
+    slow = [c for c in offered("settling of the zero") if c.inner and c.name.endswith(f", {joint}")]
+    near = sorted(slow, key=lambda c: abs(c.inner.values[0] - TIME[row]) if c.inner else 0.0)[:3]
+    for settled in (refined(left, c) for c in near):
+        assert settled.inner is not None
+        assert settled.inner.values[1] > 1.9 * np.ptp(TIME) / (len(TIME) - 1)
+        assert _nats(left, slip.effects) > _nats(left, settled.effects) + 1.0

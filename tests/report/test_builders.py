@@ -23,11 +23,12 @@ from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import geometric_effects, table_names, translate
 from gpmodel.report.effects import quantity, read_columns, shape
-from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.from_discovery import _causes, from_discovery
 from gpmodel.report.origin import Origin, positioning, repeatability, versions
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.verdict import of_discovery
+from gpmodel.selection.causes import Cause, CredibleSet
 from gpmodel.table.cells import joint_table
 
 
@@ -362,3 +363,21 @@ def test_a_curve_that_is_no_wave_is_not_counted_in_harmonics() -> None:
     fit = calibrate(replace(truth.model, effects=effects), truth.poses)
     found = quantity(fit, Candidate("curve", effects, "load_curve", 4.0), truth.poses.states)
     assert found.basis == f"curve of torque_{J}, a sum of 8 terms"
+
+
+@pytest.mark.parametrize(
+    ("own", "groups", "said"),
+    [
+        (True, ("after row 60 within 0.19 rows",), ("the name of the final fit",)),
+        (True, ("after row 60 within 0.19 rows", "a rival"), ("the name of the final fit", "a rival")),
+        (False, ("a rival", "another"), ("a rival", "another")),
+    ],
+)
+def test_a_finding_has_one_name_among_its_causes(own: bool, groups: tuple[str, ...], said: tuple[str, ...]) -> None:
+    """The constants in a name are fitted three times: the cause that is the finding has the name of the last fit."""
+    hypothesis = quick().findings[0].hypothesis
+    assert hypothesis.causes is not None
+    (first, *_) = hypothesis.causes.causes[0].groups
+    cause = Cause(tuple(replace(first, name=name) for name in groups), 1.0, own)
+    (record,) = _causes(replace(hypothesis, causes=CredibleSet((cause,), 0.0)), "the name of the final fit", {})
+    assert record.names == said
