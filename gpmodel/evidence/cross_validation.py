@@ -99,15 +99,15 @@ def confirmation(standard: Calibration, found: Calibration, heldout: Poses, crit
 def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
     """Test whether the second of two models has smaller 3-D errors on poses that selected neither model.
 
-    before, after: errors of each pose by the two models, m, NaN if unknown; winsorised at median + 6 · 1.4826 MAD of
-    the first model's errors. units: number of the block of each pose. With a single block p = 1.
+    before, after: errors of each pose by the two models, m, NaN if unknown; a pose with both above median + 6 · 1.4826
+    MAD of the first model's errors has no weight. units: number of the block of each pose. With a single block p = 1.
     """
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)
-    squared = [np.minimum(e, limit) ** 2 for e in errors]
+    gained = np.where(np.minimum(*errors) > limit, 0.0, errors[0] ** 2 - errors[1] ** 2)
     unit = np.unique(units[known], return_inverse=True)[1].reshape(-1)
-    gain = np.bincount(unit, squared[0] - squared[1]).astype(float)
+    gain = np.bincount(unit, gained).astype(float)
     t = paired_t(gain) if len(gain) > 1 else 0.0
     p = float(special.stdtr(len(gain) - 1, -t)) if t else 1.0
     return Confirmation(t, p, criteria.confirmation, len(gain), p < criteria.confirmation)
