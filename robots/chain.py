@@ -116,6 +116,21 @@ class SerialChain(Chain):
         """{slot: mass [kg] and centre of mass (3,) [m] in the frame of the slot}."""
         return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
 
+    def with_gravity(self, gravity: Array) -> SerialChain:
+        """Return the arm with another acceleration of gravity (3,) in the root frame, m/s²."""
+        return replace(self, gravity=np.asarray(gravity, dtype=np.float64))
+
+    def with_mass(self, mass: float, moment: Array) -> SerialChain:
+        """Return the arm with a further mass, kg, and first moment (3,) in the measured frame, kg m, on the last link.
+
+        Raises InputError if the last link then has no mass.
+        """
+        last, total = self.links[-1], self.links[-1].mass + mass
+        if not abs(total) > 0.0:
+            raise InputError(f"{self.name}: a mass of {mass:g} kg on a last link of {last.mass:g} kg leaves no mass")
+        first = last.mass * last.com + self.tool[:3, :3] @ np.asarray(moment) + mass * self.tool[:3, 3]
+        return replace(self, links=(*self.links[:-1], replace(last, mass=total, com=first / total)))
+
     @cached_property
     def link_slots(self) -> dict[str, str]:
         """{link: slot of the last moving joint before the link}, "" for a link without one; empty if the chain is not

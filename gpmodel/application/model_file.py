@@ -244,6 +244,8 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
             "gravity_m_s2": choice.gravity,
+            "added_mass_kg": choice.added_mass,
+            "added_moment_kg_m": choice.added_moment,
             "joints": [j.name for j in mechanism.joints],
             "tip_at_probe_m": tip_at_trial(mechanism),
             "description": choice.description,
@@ -321,7 +323,8 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
 def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     about = part.mechanism
     choice = MechanismChoice(
-        about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "", about.gravity_m_s2
+        about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "", about.gravity_m_s2,
+        about.added_mass_kg, about.added_moment_kg_m,
     )  # fmt: skip
     mechanism = given or choice.load()
     known = same_machine(tip_at_trial(mechanism), about.tip_at_probe_m)

@@ -112,6 +112,8 @@ class MechanismPart(msgspec.Struct, frozen=True):
     tip_at_probe_m: Point
     description: str | None = None
     gravity_m_s2: Point | None = None
+    added_mass_kg: Finite | None = None
+    added_moment_kg_m: Point | None = None
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):

@@ -16,7 +16,7 @@ from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import residual_of
 from gpmodel.families.load import mass_at_tool
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import JUDGED
@@ -41,7 +41,7 @@ def under_true_loads(
     other = _other_loads(found)
     if other is None:
         return found
-    again = loop(other.mechanism, prepare(other.mechanism, other.dataset), found.train, found.heldout, kept=None)
+    again = loop(other.mechanism, prepare(other.mechanism, found.poses.dataset), found.train, found.heldout, kept=None)
     if _worth(again, criteria) - other.constants <= _worth(found, criteria):
         return found
     again = replace(again, loads=" and ".join(other.said.values()), seconds=found.seconds + again.seconds)
@@ -54,17 +54,17 @@ def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> t
     if not isinstance(mechanism, LoadedMechanism):
         return mechanism, poses, ""
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses, seed=seed)
-    other = other_loads(fit, poses, (), OtherLoads(mechanism, poses.dataset))
+    other = other_loads(fit, poses, (), OtherLoads(mechanism))
     if other is None:
         return mechanism, poses, ""
-    return other.mechanism, prepare(other.mechanism, other.dataset), " and ".join(other.said.values())
+    return other.mechanism, prepare(other.mechanism, poses.dataset), " and ".join(other.said.values())
 
 
 def _other_loads(found: Discovery) -> OtherLoads | None:
     if not isinstance(found.mechanism, LoadedMechanism):
         return None
     poses, fit = found.poses.subset(found.train), found.steps[-1].calibration
-    loads, declared = found.poses.states.loads, OtherLoads(found.mechanism, found.poses.dataset)
+    loads, declared = found.poses.states.loads, OtherLoads(found.mechanism)
     following = {e.name for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)}
     models = ((found.steps[1].calibration, ()), (fit, following))
     each = (other_loads(model, poses, without, declared) for model, without in models)
@@ -86,7 +86,7 @@ def _beside_payload(found: Discovery) -> Discovery:
     if not found.findings:
         return found
     fit, poses = found.found, found.poses
-    effects, carried = fit.model.effects, float(poses.dataset.payload[0])
+    effects, carried = fit.model.effects, abs(choice_of(found.mechanism).added_mass or 1.0)
     points = (np.zeros(3), *np.eye(3))
     masses = [mass_at_tool(found.mechanism, poses.states, effects, fit.theta, point) for point in points]
     named = tuple(replace(m, name=f"{m.name} {k}", prior=carried) for k, m in enumerate(masses, 1) if m is not None)

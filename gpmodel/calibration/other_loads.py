@@ -6,7 +6,7 @@ Pereyra 1973).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -17,7 +17,7 @@ from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.size import without_positions
 from gpmodel.formula.expression import Columns
-from gpmodel.mechanism.protocol import KnownMasses
+from gpmodel.mechanism.protocol import ChangeableLoads
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -44,15 +44,16 @@ SHORTEST = 1e-6
 class OtherLoads:
     """Loads that explain a residual better than the declared loads.
 
-    mechanism, dataset: mechanism and table with these loads. gain: gain in log evidence over the declared loads, nats.
+    mechanism: mechanism with these loads. gain: gain in log evidence over the declared loads, nats.
     constants: number of fitted constants of the loads. said: each fitted load in words, with standard errors, by kind.
+    stderr: standard errors of the constants by kind; of a payload mass, kg, and first moments (3,), kg m.
     """
 
     mechanism: LoadedMechanism
-    dataset: Dataset
     said: Mapping[str, str] = field(default_factory=dict)
     gain: float = 0.0
     constants: int = 0
+    stderr: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,6 @@ def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], declared
         if best is None:
             break
         here = best
-        if "payload" in best.said:
-            data = replace(data, payload=np.full(len(data), best.dataset.payload[0]))
     return None if here is declared else here
 
 
@@ -135,46 +134,47 @@ class _Rest:
 
 @dataclass(frozen=True)
 class _Change:
-    """A change of the loads: its kind, the loads of its units, and the mechanism and payload with values of it."""
+    """A change of the loads: its kind, the loads of its units, and the mechanism with values of it, in words."""
 
     kind: str
     units: tuple[Loads, ...]
-    made: Callable[[Array, Array, bool], tuple[LoadedMechanism, float, str] | None]
+    made: Callable[[Array, Array, bool], tuple[LoadedMechanism, str] | None]
 
 
 def _changes(mechanism: LoadedMechanism, data: Dataset) -> Iterator[_Change]:
-    """Yield the changes of gravity and of a payload that is equal at all poses."""
-    bare, declared, one = mechanism.bare, float(data.payload[0]), np.ones(len(data))
-    if not isinstance(bare, KnownMasses) or not hasattr(bare, "links"):
+    """Yield the changes of gravity and of a mass at the tool that is equal at all poses."""
+    bare, declared = mechanism.bare, float(np.mean(data.payload))
+    if not isinstance(bare, ChangeableLoads):
         return
     com, down = np.asarray(bare.payload_com), np.asarray(bare.gravity)
     size = float(np.linalg.norm(down))
     across = np.linalg.svd(down[None] / size)[2][1:]
 
-    def turned(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, float, str]:
+    def turned(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, str]:
         way = (down + size * x @ across) * (-1.0 if upside_down else 1.0)
         way /= np.linalg.norm(way)
         said = f"gravity along ({', '.join(f'{v:.3f}' for v in way)}) of the root frame"
-        return mechanism.under(size * way), declared, said
+        return mechanism.with_gravity(size * way), said
 
-    yield _Change("gravity", tuple(mechanism.under(size * v).loads(data.q, data.payload) for v in across), turned)
-    if data.payload_given or np.ptp(data.payload) > 0:
-        return
-    empty = mechanism.loads(data.q, 0.0 * one)
-    units = [mechanism.carrying(1.0, point).loads(data.q, one) for point in (np.zeros(3), *np.eye(3))]
-    mass = {name: v - empty.get(name, 0.0) for name, v in units[0].items()}
+    units = [mechanism.with_gravity(size * v).loads(data.q, data.payload) for v in across]
+    yield _Change("gravity", tuple(units), turned)
+    now = mechanism.loads(data.q, data.payload)
+    units = [mechanism.with_mass(1.0, moment).loads(data.q, data.payload) for moment in (np.zeros(3), *np.eye(3))]
+    mass = {name: v - now.get(name, 0.0) for name, v in units[0].items()}
     moments = [{name: v - units[0][name] for name, v in unit.items()} for unit in units[1:]]
 
-    def carried(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, float, str] | None:
-        kilograms = declared + float(x[0])
-        point = (declared * com + x[1:]) / kilograms
-        if upside_down or not kilograms > 0.0 or not np.linalg.norm(point) <= FARTHEST:
+    def loaded(x: Array, stderr: Array, upside_down: bool) -> tuple[LoadedMechanism, str] | None:
+        added = (mechanism.choice.added_mass or 0.0) + float(x[0])
+        total = declared + added
+        point = (declared * com + (mechanism.choice.added_moment or 0.0) + x[1:]) / total
+        if upside_down or not total > 0.0 or not np.linalg.norm(point) <= FARTHEST:
             return None
-        there = ", ".join(f"{1e3 * v:.0f}" for v in point)
-        said = f"a payload of {kilograms:.1f} ± {stderr[0]:.1f} kg with its centre of mass at ({there}) mm"
-        return mechanism.carrying(kilograms, point), kilograms, said
+        there = ", ".join(f"{1e3 * v:.0f} ± {1e3 * e / total:.0f}" for v, e in zip(point, stderr[1:], strict=True))
+        instead = f", {declared:.4g} kg of it declared," if declared else ""
+        said = f"a payload of {total:.1f} ± {stderr[0]:.1f} kg{instead} with its centre of mass at ({there}) mm"
+        return mechanism.with_mass(float(x[0]), x[1:]), said
 
-    yield _Change("payload", (mass, *moments), carried)
+    yield _Change("payload", (mass, *moments), loaded)
 
 
 def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> OtherLoads | None:
@@ -208,8 +208,6 @@ def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> Ot
     made = change.made(size * best.x, stderr, bool(compliances(best.x)[0].sum() < 0.0))
     if made is None:
         return None
-    mechanism, payload, said = made
-    table = (
-        replace(here.dataset, payload=np.full(len(here.dataset), payload)) if change.kind == "payload" else here.dataset
-    )
-    return OtherLoads(mechanism, table, {**here.said, change.kind: said}, here.gain + gain, here.constants + new)
+    mechanism, said = made
+    told, errors = {**here.said, change.kind: said}, {**here.stderr, change.kind: stderr}
+    return OtherLoads(mechanism, told, here.gain + gain, here.constants + new, errors)

@@ -229,6 +229,20 @@ class KnownMasses(Protocol):
 
 
 @runtime_checkable
+class ChangeableLoads(KnownMasses, Protocol):
+    """A mechanism whose gravity and masses can be changed."""
+
+    def with_gravity(self, gravity: Array) -> Mechanism:
+        """Return the mechanism with another acceleration of gravity (3,) in the root frame, m/s²."""
+
+    def with_mass(self, mass: float, moment: Array) -> Mechanism:
+        """Return the mechanism with a further mass, kg, fixed to the measured frame.
+
+        moment: first moment of the mass in the measured frame (mass times centre of mass), kg m.
+        """
+
+
+@runtime_checkable
 class CollisionShape(Protocol):
     """A mechanism that may know the shape of its parts."""
 

@@ -5,7 +5,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from multiprocessing.util import Finalize
@@ -17,7 +17,7 @@ from gpmodel.arrays import Array
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import links
-from gpmodel.mechanism.protocol import FittedLever, Joint, KnownMasses, Mechanism, WeightByPart, checked_mass
+from gpmodel.mechanism.protocol import ChangeableLoads, FittedLever, Joint, Mechanism, WeightByPart, checked_mass
 from gpmodel.texts import read_text
 
 PROVIDERS = "gpmodel.mechanisms"
@@ -70,6 +70,8 @@ class MechanismChoice:
     payload: payload mass, kg, or None.
     payload_com: centre of mass (3,) of the payload in the measured frame, m, or None.
     gravity: acceleration of gravity (3,) in the root frame, m/s², or None for that of the description.
+    added_mass, added_moment: mass, kg, beyond the description that the measured frame carries, and its first moment
+    (3,) in this frame, kg m, or None.
     description: text of the file, if known. `name` is then only a name, and no file is opened.
     """
 
@@ -79,6 +81,8 @@ class MechanismChoice:
     payload_com: tuple[float, ...] | None = None
     description: str | None = None
     gravity: tuple[float, ...] | None = None
+    added_mass: float | None = None
+    added_moment: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.payload is not None:
@@ -101,21 +105,16 @@ class MechanismChoice:
             if longer := [joint.name for joint in bare.joints if len(joint.name) > LONGEST_JOINT]:
                 said = f"the name of joint '{longer[0][:20]}...' has {len(longer[0])} characters"
                 raise InputError(f"{name}: {said}; expected at most {LONGEST_JOINT}")
-            return LoadedMechanism(
-                choice, bare if self.gravity is None else _with(bare, gravity=np.array(self.gravity))
-            )
+            loaded = LoadedMechanism(replace(choice, gravity=None, added_mass=None, added_moment=None), bare)
+            if self.gravity is not None:
+                loaded = loaded.with_gravity(self.gravity)
+            if self.added_mass is not None:
+                loaded = loaded.with_mass(self.added_mass, self.added_moment or (0.0, 0.0, 0.0))
+            return loaded
         except InputError as error:
             if not self.description:
                 raise
             raise InputError(error.said.replace(name, f"its mechanism {self.name}"), error.argument) from None
-
-
-def _with(bare: Mechanism, **loads: Array) -> Mechanism:
-    """Return a mechanism with another `gravity`, m/s², or `payload_com`, m. Raises InputError if it has no masses."""
-    if not is_dataclass(bare) or isinstance(bare, type) or not isinstance(bare, KnownMasses):
-        raise InputError(f"{bare.name}: gravity cannot be set; expected an arm with masses")
-    changed: Mechanism = replace(bare, **loads)
-    return changed
 
 
 @cache
@@ -180,15 +179,24 @@ class LoadedMechanism:
         frame."""
         return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, FittedLever) else self
 
-    def under(self, gravity: Iterable[float]) -> "LoadedMechanism":
+    def with_gravity(self, gravity: Iterable[float]) -> "LoadedMechanism":
         """Return the mechanism with another acceleration of gravity (3,) in its root frame, m/s²."""
         choice = replace(self.choice, gravity=tuple(float(v) for v in gravity))
-        return LoadedMechanism(choice, _with(self.bare, gravity=np.array(choice.gravity)))
+        return LoadedMechanism(choice, self._changeable.with_gravity(np.array(choice.gravity)))
 
-    def carrying(self, payload: float, point: Iterable[float]) -> "LoadedMechanism":
-        """Return the mechanism with a payload, kg, and its centre of mass (3,) in the measured frame, m."""
-        choice = replace(self.choice, payload=payload, payload_com=tuple(float(v) for v in point))
-        return LoadedMechanism(choice, _with(self.bare, payload_com=np.array(choice.payload_com)))
+    def with_mass(self, mass: float, moment: Iterable[float]) -> "LoadedMechanism":
+        """Return the mechanism with a further mass, kg, and first moment (3,), kg m, at the measured frame."""
+        own, first = np.array(self.choice.added_moment or np.zeros(3)), np.array([*moment])
+        choice = replace(
+            self.choice, added_mass=(self.choice.added_mass or 0.0) + mass, added_moment=tuple((own + first).tolist())
+        )
+        return LoadedMechanism(choice, self._changeable.with_mass(mass, first))
+
+    @property
+    def _changeable(self) -> ChangeableLoads:
+        if not isinstance(self.bare, ChangeableLoads):
+            raise InputError(f"{self.name}: its loads cannot be changed; expected a serial arm with masses")
+        return self.bare
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame."""
