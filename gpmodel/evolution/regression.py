@@ -8,8 +8,8 @@ response itself (``gpmodel.evolution.memetic``).
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import chain
+from functools import cache, cached_property
+from itertools import chain, count
 
 import numpy as np
 
@@ -53,6 +53,13 @@ BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """Limits of the evolution of one population under a link function."""
 
 
+"""Number of looks at the clock of the search that compiles the loops, enough for a generation and the last steps."""
+
+
+COMPILING = 10
+"""Number of looks at the clock of the search that compiles the loops, enough for a generation and the last steps."""
+
+
 @dataclass(frozen=True)
 class Law:
     """A formula of a response. left: share of the response's variance in the residual, and in explosions of the formula
@@ -84,6 +91,7 @@ def regression_front(
     inputs are left out. Raises InputError if the response is constant or not finite.
     """
     regression(response)
+    _compile_loops()
     began = clock()
     response = np.asarray(response, dtype=float)
     some = np.sort(rng.permutation(len(response))[: round(ROWS * (1.0 + seconds))])
@@ -102,6 +110,16 @@ def regression_front(
         again = law.program if clock() - began > seconds else polish(law.program, targets, 0, every.columns)[0]
         laws += every([again])
     return _front(laws)
+
+
+@cache
+def _compile_loops() -> None:
+    """Run a search on a small table once per process, so that compilation does not count as time of a search."""
+    rng = np.random.default_rng(0)
+    inputs, response = Inputs(("a", "b"), rng.uniform(1.0, 2.0, (2, 12))), rng.uniform(1.0, 2.0, 12)
+    between = PointsBetween(inputs.mapping(), float(response.var()), rng)
+    asked = count()
+    _searched(inputs, response, rng, lambda share: next(asked) > COMPILING, between)
 
 
 def _searched(
