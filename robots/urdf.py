@@ -193,7 +193,7 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
 
 
 def _aligned(joint: UrdfJoint) -> tuple[str, float, Array]:
-    """Return the name and sign of a joint's motion axis, and the rotation (4, 4) of its frame that aligns the axis."""
+    """Return the coordinate axis nearest to a joint's motion axis, its sign, and the rotation (4, 4) between both."""
     z, first = joint.axis, 0 if joint.kind == "prismatic" else 3
     largest = int(np.argmax(np.abs(z)))
     if np.isclose(abs(z[largest]), 1.0, rtol=0.0, atol=1e-12):

@@ -162,7 +162,7 @@ def _response(y: ArrayLike, rows: int) -> Array:
     """Return the response y as numbers, one per row of the inputs X; raise InputError for another shape."""
     response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
     if response.shape != (rows,):
-        raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")
+        raise InputError(f"has shape {response.shape}; expected one number for each of the {rows} rows of X", "y")
     if rows < FEWEST:
         raise InputError(f"{rows} rows, expected {FEWEST} or more", "X")
     return _checked(response, "y")

@@ -139,9 +139,9 @@ def nominal_constants(model: ErrorModel) -> Mask:
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
     """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
-    columns: displacement of each measurement per unknown of unit prior variance.
-    target: measurements, m. placed: columns of unknowns without a prior.
-    most: largest standard deviation, m and rad.
+    columns: derivatives of the measurements by unknowns that are scaled to unit prior variance.
+    target: measurements, m. placed: derivatives by the unknowns that have no prior.
+    most: upper limit of the prior standard deviation of the unknowns, m and rad.
     Returns the standard deviation, the RMS residual, m, and orthonormal columns that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +
     reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian

@@ -234,8 +234,8 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 def _least(fit: Calibration, poses: Poses) -> Array:
     """Return the matrix that maps fitted parameters to the parameters of least norm with equal effect on all points.
 
-    Points whose difference a registration and a tool absorb count as equal. Directions in parameter space whose effect
-    is more than RESOLVED times smaller than the largest effect are left at zero.
+    Two series of points count as equal if another registration and tool point map one onto the other. Directions in
+    parameter space whose effect is more than RESOLVED times smaller than the largest effect are left at zero.
     """
     problem = problem_at(fit, poses)
     placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]

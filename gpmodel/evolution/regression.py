@@ -268,7 +268,7 @@ class _Island:
         return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
-        """Return formulas of one term, added to the terms that every sum has."""
+        """Return sums of one further term and the terms that all formulas under the link have."""
         if self.link.quotient:
             return self.formulas([])
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))

@@ -52,7 +52,7 @@ class Tails:
 def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     """Fit Student's t distributions to values with mean zero.
 
-    For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood is found.
+    For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood of the values is found.
     The variance of s is s² (f + 3) / (2 f count).
     count: number of independent values to which the sample is equivalent.
     blur: variance that an error of the fitted parameters adds to each value, relative to the value's own variance.

@@ -45,7 +45,7 @@ class Sight:
 class Constraints:
     """Constraints that every pose has to meet.
 
-    box: lowest and highest tool point in the root frame, (2, 3), m.
+    box: smallest and largest coordinates of the tool point in the root frame, (2, 3), m.
     tool: tool point (3,) in the measured frame, m.
     sight: line of sight to the instrument; None for no constraint.
     collisions: True to exclude poses in which the arm collides with itself, if the shape of the arm is known.

@@ -224,11 +224,11 @@ class TestRecord:
 class EffectRecord:
     """An effect in the model: value ± stderr times basis function, slot and axis, and the evidence for the effect.
 
-    kind: single, harmonic, vector or curve (smooth term, whose value is the RMS over the measured poses).
-    stderr: standard error of the value, from the noise and from the possible causes of the other findings.
-    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability of a cause
-    outside the catalogue.
-    against: reason why the fitted value is impossible. rivals: alternative candidates in the set, with the
+    kind: single (one number), harmonic, vector or curve (smooth term, whose value is the RMS over the measured poses).
+    stderr: standard error of the value, with the noise and the uncertain causes of the other findings.
+    causes: the 95 % credible set of causes, the most probable first; None if not computed.
+    without_name: probability of a cause outside the catalogue.
+    against: reason why the fitted value is impossible. rivals: other candidates in the credible set, with the
     cross-validated error.
     p_value: probability of the gain by chance, from `shuffles` permutations. shuffled: name of the permuted items.
     gain: share of the residual sum of squares that the effect removes, given everything else in the model.
@@ -236,8 +236,9 @@ class EffectRecord:
     alone_rms_mm: the part of the displacement that nothing else in the model absorbs, registration and tool included.
     workspace_*: displacement at random joint values within the limits.
     of_specification: RMS of an instrument error relative to its specification.
-    ranges: ranges of the inputs in training. constants: constants inside the formula. moved: displacement at each pose.
-    front: alternative formulas, the shortest first.
+    ranges: ranges of the inputs in training. constants: constants inside the formula.
+    moved: displacement of the measured point at each pose.
+    front: other formulas of the finding, the shortest first; longer formulas fit better.
     """
 
     name: str
@@ -289,7 +290,7 @@ class EffectRecord:
 
     @property
     def repair(self) -> RepairAdvice | None:
-        """Symptom, check by hand, clause of a standard, effect of compensation; None for an effect without a family."""
+        """Advice for repair: symptom, manual check, clause of a standard, use of compensation; None if unknown."""
         return repair_advice().get(self.catalogue or "")
 
     @property

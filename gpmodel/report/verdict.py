@@ -46,7 +46,7 @@ def of_discovery(report: Report) -> str:
 
 
 def _change(report: Report) -> str:
-    """Return the error before, with the name of the step, and the error after: `standard model 0.148 → 0.036 mm`."""
+    """Return name and error of the earlier model, and the error of the final one: `standard model 0.148 → 0.036 mm`."""
     before, after = (report.step(name) for name in report.before_and_after())
     if before is None or after is None or before is after:
         return f"{wording.length(report.ladder[-1].errors.rms_mm)} RMS"

@@ -45,7 +45,7 @@ def repeat_blocks(dataset: Dataset) -> IntArray:
     """Return the number of the block ("bundle") of each row, from 0.
 
     A block is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a block.
-    A group of all rows is ignored, for example the session used for training if another session is held out. Rows that
+    A group that contains all rows is ignored, such as the only training session if another is held out. Rows that
     touched one point, bar or surface with at most FEW_TOUCHES touches form a block. Rows whose joint values agree
     within SAME_JOINT or lie in one cluster form a block, for any set-up and payload. Blocks are numbered by joint
     values, so that the order of rows does not matter.
@@ -154,9 +154,9 @@ def check_repeats(dataset: Dataset) -> None:
     if not dataset.joints_approximate and apart.max(initial=0.0) > FAR_JOINT:
         row, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
         raise InputError(
-            f"{dataset.source}: rows {dataset.row[first[row]]} and {dataset.row[row]} are both repeat "
+            f"{dataset.source}: rows {dataset.row[first[row]]} and {dataset.row[row]} have the same repeat label "
             f"'{dataset.label('repeat')[row]}', but {dataset.joints[joint]} differs by {apart[row, joint]:.3g} rad "
-            "or m; expected one label a pose"
+            "or m; expected another label for another pose"
         )
     _, first, code = np.unique(replicates(dataset), return_index=True, return_inverse=True)
     distance = np.nan_to_num(np.linalg.norm(dataset.position - dataset.position[first[code]], axis=1))

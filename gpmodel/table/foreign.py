@@ -114,7 +114,7 @@ class ColumnMap:
     join: str = ""
 
     def content(self) -> dict[str, object]:
-        """Return the map as the content of a TOML file."""
+        """Return the map (quantity and unit of each column of a foreign table) as the content of a TOML file."""
         out: dict[str, object] = ({} if self.header else {"header": False}) | ({"join": self.join} if self.join else {})
         out["columns"] = dict(self.columns)
         if self.tools:

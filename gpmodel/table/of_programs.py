@@ -235,7 +235,7 @@ def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
     names = [str(column).strip() for column in read_frame(path)[0].columns]
     joints = {joint.name: f"{joint.name} [{JOINT_UNITS[joint.kind]}]" for joint in mechanism.joints}
     if missing := [name for name in joints if name not in names]:
-        raise InputError(f"{path.name}: no values of joint '{missing[0]}'; it has {choices(missing[0], names)}")
+        raise InputError(f"{path.name}: no values of joint '{missing[0]}'; the file has {choices(missing[0], names)}")
     markers = sorted({int(found[1]) for name in names if (found := _MARKER.match(name))})
     for k in markers:
         if missing := [f"{axis}{k}" for axis in "xyz" if f"{axis}{k}" not in names]:

@@ -291,7 +291,7 @@ def test_the_front_goes_from_short_to_close_and_marks_the_law_of_least_descripti
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"y": LAW[:-1]}, "y: shape (59,), expected one number for each of the 60 rows"),
+        ({"y": LAW[:-1]}, "y: has shape (59,); expected one number for each of the 60 rows"),
         ({"y": LAW * 0}, "response"),
         ({"y": LAW.where(LAW.index != 7)}, "y: not finite in row 7"),
         ({"X": FRAME.assign(name="a")}, "X: column 'name' holds no numbers"),

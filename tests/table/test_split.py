@@ -170,7 +170,7 @@ def test_approximate_joint_values_are_repeats_only_by_their_label() -> None:
 def test_labelled_repeats_that_are_far_apart_are_refused_by_row() -> None:
     label = np.array([str(i % 20) for i in range(60)])
     check_repeats(replace(repeated(5e-5), labels={"repeat": np.arange(20).repeat(3).astype(str)}))
-    with pytest.raises(InputError, match=r"rows \d+ and \d+ are both repeat '\d+', but .* differs by"):
+    with pytest.raises(InputError, match=r"rows \d+ and \d+ have the same repeat label '\d+', but .* differs by"):
         check_repeats(replace(repeated(0.0), labels={"repeat": label}))
 
 
