@@ -90,7 +90,7 @@ def test_one_process_at_a_time(tmp_path: Path) -> None:
 def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     code = (
         "import os, sys, pathlib, gpmodel.files as f\n"
-        "with f.alone_in(pathlib.Path(sys.argv[1])):\n"
+        "with f.locked_folder(pathlib.Path(sys.argv[1])):\n"
         "    os.kill(os.getpid(), 9)"
     )
     subprocess.run([sys.executable, "-c", code, tmp_path / "out"])

@@ -280,13 +280,22 @@ def parse_true_effects(
     """Parse `NAME=VALUE UNIT` into effects and their values, in the unit of the effects.
 
     NAME is a catalogue name (`gear_harmonic J4`) or `slot:axis:expression`. If NAME has two effects or more, as sine
-    and cosine, VALUE is the amplitude and the phase is random. Raises InputError if the text cannot be parsed.
+    and cosine, VALUE is the amplitude and the phase is random. A motion, as in 10 urad, is the motion per unit of the
+    column that the effect reads. Raises InputError if the text cannot be parsed.
     """
     name, found, value = text.rpartition("=")
     if not found or not name.strip():
         raise InputError(f"'{text}', expected NAME=VALUE UNIT, as in 'gear_harmonic J4=20 arcsec'", "effects")
     effects = one_effect_named(name.strip(), mechanism, states)
-    size = convert(value, effects[0].unit, f"effect '{text}'")
+    unit, where = effects[0].unit, f"effect '{text}'"
+    motion, _, per = unit.partition("/")
+    columns = {states.units[name] for name in effects[0].inputs if name not in states.loads}
+    try:
+        size = convert(value, unit, where)
+    except InputError:
+        if per not in columns:
+            raise
+        size = convert(value, motion, where)
     direction = rng.normal(size=len(effects))
     return effects, size * (direction / np.linalg.norm(direction) if len(effects) > 1 else np.ones(1))
 
