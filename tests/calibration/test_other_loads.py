@@ -86,6 +86,7 @@ def test_measured_torques_and_machines_without_masses_have_no_other_loads() -> N
     assert judged("irb6400r", replace(table, extras={"torque_J3": torque}, extra_units={"torque_J3": "N*m"}))[0] is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("gravity", "loaded"), [((9.81, 0.0, 0.0), False), (None, True)])
 def test_a_saved_model_keeps_the_fitted_loads(tmp_path: Path, gravity: tuple[float, ...] | None, loaded: bool) -> None:
     table = measured("ur10", 3, gravity, loaded)
@@ -124,6 +125,7 @@ def test_discover_names_the_compliances_under_the_true_loads(gravity: tuple[floa
             assert finding.value == pytest.approx(float(value), abs=3 * finding.stderr)
 
 
+@pytest.mark.long
 def test_a_fleet_says_which_machine_carried_an_undeclared_payload() -> None:
     tables = {f"M{k}": measured("irb6400r", 20 + k, None, loaded=k == 2) for k in range(4)}
     found = gp.fleet("irb6400r", tables, ["joint_compliance J2", "joint_compliance J3"], workers=1)
