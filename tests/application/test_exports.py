@@ -107,7 +107,7 @@ def test_parts_that_run_at_the_same_time_compare_at_the_same_poses(
     with ThreadPoolExecutor(2) as pool:
         source, latex = pool.map(lambda part: part(), parts[1:3])
     known = {export.file: export for export in exports.files}
-    for export in (*source.made, *latex.made):
+    for export in (*source.files, *latex.files):
         assert export.text == known[export.file].text
 
 

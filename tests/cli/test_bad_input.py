@@ -66,7 +66,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "torque in a unit of mass": (lambda: GOOD.assign(**{"torque_J2 [kg]": "9"}), ("column 'torque_J2' [kg]", "[N*m]")),
     "repeats that are none": (
         lambda: GOOD.assign(repeat=[str(i // 2) for i in range(len(GOOD))]),
-        ("repeat '", "expected another label for another pose"),
+        ("repeat label '", "expected another label for another pose"),
     ),
     "one pose at two places": (
         lambda: GOOD.assign(**{c: [GOOD[c].iloc[0], *GOOD[c].iloc[:-1]] for c in JOINTS}),
