@@ -289,7 +289,7 @@ def parse_true_effects(
     effects = one_effect_named(name.strip(), mechanism, states)
     unit, where = effects[0].unit, f"effect '{text}'"
     motion, _, per = unit.partition("/")
-    columns = {states.units[name] for name in effects[0].inputs if name not in states.loads}
+    columns = {states.units.get(name) for name in effects[0].inputs if name not in states.loads}
     try:
         size = convert(value, unit, where)
     except InputError:
