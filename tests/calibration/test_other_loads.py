@@ -50,7 +50,7 @@ def judged(name: str, table: Dataset) -> tuple[OtherLoads | None, Poses]:
     return other_loads(fit, poses, (), OtherLoads(arm)), poses
 
 
-@pytest.mark.parametrize("declared", ["", "1|1", "0|1|2"])
+@pytest.mark.parametrize("declared", ["", pytest.param("1|1", marks=pytest.mark.long), "0|1|2"])
 @pytest.mark.parametrize("name", sorted(WEAK))
 def test_a_mass_that_is_not_declared_is_found_with_its_centre(name: str, declared: str) -> None:
     found, _ = judged(name, measured(name, 3, None, loaded=True, declared=declared))
@@ -74,8 +74,8 @@ def test_gravity_in_another_direction_is_found(name: str, gravity: tuple[float, 
 
 
 @pytest.mark.parametrize("name", sorted(WEAK))
-@pytest.mark.parametrize("declared", ["", "2|2", "0|1|2"])
-@pytest.mark.parametrize("weak", [True, False])
+@pytest.mark.parametrize("declared", ["", pytest.param("2|2", marks=pytest.mark.long), "0|1|2"])
+@pytest.mark.parametrize("weak", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_declared_loads_are_left_alone(name: str, weak: bool, declared: str) -> None:
     assert judged(name, measured(name, 5, None, loaded=False, weak=weak, declared=declared))[0] is None
 
