@@ -14,9 +14,9 @@ from gpmodel.discovery.state import Discovery, FinalFit
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import residual_of
-from gpmodel.families.load import mass_at_tool
+from gpmodel.families.load import mass_at_tool, moments_at_tool
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import LoadedMechanism, choice_of
+from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import JUDGED
@@ -44,30 +44,26 @@ def under_true_loads(
     again = loop(other.mechanism, prepare(other.mechanism, found.poses.dataset), found.train, found.heldout, kept=None)
     if _worth(again, criteria) - other.constants <= _worth(found, criteria):
         return found
-    again = replace(again, loads=" and ".join(other.said.values()), seconds=found.seconds + again.seconds)
+    again = replace(again, loads=other.in_words, seconds=found.seconds + again.seconds)
     return _beside_payload(again) if "payload" in other.said else again
 
 
 def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> tuple[Mechanism, Poses, str]:
     """Return a machine and its poses with the loads that explain the residual of the standard model, and these loads
     in words; unchanged, with an empty text, if the declared loads explain it."""
-    if not isinstance(mechanism, LoadedMechanism):
-        return mechanism, poses, ""
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses, seed=seed)
-    other = other_loads(fit, poses, (), OtherLoads(mechanism))
+    other = other_loads(fit, poses, (), mechanism)
     if other is None:
         return mechanism, poses, ""
-    return other.mechanism, prepare(other.mechanism, poses.dataset), " and ".join(other.said.values())
+    return other.mechanism, prepare(other.mechanism, poses.dataset), other.in_words
 
 
 def _other_loads(found: Discovery) -> OtherLoads | None:
-    if not isinstance(found.mechanism, LoadedMechanism):
-        return None
     poses, fit = found.poses.subset(found.train), found.steps[-1].calibration
-    loads, declared = found.poses.states.loads, OtherLoads(found.mechanism)
+    loads = found.poses.states.loads
     following = {e.name for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)}
     models = ((found.steps[1].calibration, ()), (fit, following))
-    each = (other_loads(model, poses, without, declared) for model, without in models)
+    each = (other_loads(model, poses, without, found.mechanism) for model, without in models)
     return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
 
 
@@ -81,18 +77,18 @@ def _worth(found: Discovery, criteria: Criteria) -> float:
 def _beside_payload(found: Discovery) -> Discovery:
     """Return a discovery whose standard errors include those of a fitted payload.
 
-    Masses at four points of the tool, which span mass and first moments of the payload, are unknowns of value zero.
+    Mass and first moments of the payload are unknowns of value zero.
     """
     if not found.findings:
         return found
     fit, poses = found.found, found.poses
     effects, carried = fit.model.effects, abs(choice_of(found.mechanism).added_mass or 1.0)
-    points = (np.zeros(3), *np.eye(3))
-    masses = [mass_at_tool(found.mechanism, poses.states, effects, fit.theta, point) for point in points]
-    named = tuple(replace(m, name=f"{m.name} {k}", prior=carried) for k, m in enumerate(masses, 1) if m is not None)
-    model = replace(fit.model, effects=(*effects, *named))
+    there = found.mechanism, poses.states, effects, fit.theta
+    mass = mass_at_tool(*there, np.zeros(3))
+    loads = (*((mass,) if mass else ()), *moments_at_tool(*there))
+    model = replace(fit.model, effects=(*effects, *(replace(load, prior=carried) for load in loads)))
     joint: Calibration = calibrate(model, poses, condition_limit=fit.condition_limit, start=fit, seed=JUDGED)
-    theta = np.append(fit.theta, np.zeros(len(named)))
+    theta = np.append(fit.theta, np.zeros(len(loads)))
     joint = replace(joint, theta=theta, placement=fit.placement, error=fit.error, sigma=fit.sigma)
     fitted: FinalFit = replace(found.fitted, calibration=joint)
     return replace(found, fitted=fitted, final=joint if found.final is fit else found.final)

@@ -17,7 +17,7 @@ from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.size import without_positions
 from gpmodel.formula.expression import Columns
-from gpmodel.mechanism.protocol import ChangeableLoads
+from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -32,8 +32,9 @@ FARTHEST = 1.0
 LEAST_NATS = 18.0
 """Least gain of other loads, nats, beyond ln n / 2 for each of their constants: the price of two compliances, each
 with the least gain of a finding."""
-FIRST = (0.0, -0.4, 0.4, -3.0, 3.0)
-"""First changes of a load, relative to the change whose columns are as long as those of the declared loads."""
+FIRST = (-0.4, 0.4, -3.0, 3.0)
+"""First changes of a load, besides none, relative to the change whose columns are as long as those of the declared
+loads."""
 TURNS, AGAIN = 8, 0.5
 """Largest number of fits of gravity and payload in turn, and least gain of a further fit of one of them, nats."""
 SHORTEST = 1e-6
@@ -55,6 +56,11 @@ class OtherLoads:
     constants: int = 0
     stderr: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def in_words(self) -> str:
+        """The fitted loads in words, with standard errors."""
+        return " and ".join(self.said.values())
+
 
 @dataclass(frozen=True)
 class _Values:
@@ -67,19 +73,23 @@ class _Values:
         return self.values
 
 
-def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], declared: OtherLoads) -> OtherLoads | None:
+def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], mechanism: Mechanism) -> OtherLoads | None:
     """Return the loads that explain a residual best, or None if the declared loads explain it nearly as well.
 
     Gravity and payload are fitted in turn, each given the other.
-    fit: calibration on `poses`. without: names of its effects that follow loads, which are removed.
+    fit: calibration on `poses`. without: names of its effects that follow loads, which are removed. mechanism: with the
+    declared loads; None results for one that was not loaded by name or from a file, or whose torques are measured.
     """
-    data, mechanism = poses.dataset, declared.mechanism
+    if not isinstance(mechanism, LoadedMechanism):
+        return None
+    data = poses.dataset
     loads = mechanism.loads(data.q, data.payload)
     if measured_torques(mechanism, data) or not any(np.any(v) for v in loads.values()):
         return None
-    here, rest = declared, _Rest.of(fit, poses, frozenset(without))
+    rest = _Rest.of(fit, poses, frozenset(without))
     if rest is None:
         return None
+    here = declared = OtherLoads(mechanism)
     for _ in range(TURNS):
         found = [_fitted(rest, here, data, change) for change in _changes(here.mechanism, data)]
         best = max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
@@ -196,10 +206,11 @@ def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> Ot
         found = np.linalg.lstsq(at / scale, target, rcond=SHORTEST)[0]
         return found * np.abs(found), target - at @ (found / scale)
 
-    starts = [change * axis for axis in np.eye(len(size)) for change in FIRST]
+    nothing = np.zeros(len(size))
+    starts = [nothing, *(share * axis for axis in np.eye(len(size)) for share in FIRST)]
     ends = [least_squares(lambda x: compliances(x)[1], start, max_nfev=20) for start in starts]
     best = min(ends, key=lambda end: float(end.cost))
-    before, count = float(np.sum(compliances(np.zeros(len(size)))[1] ** 2)), rest.freedom
+    before, count = float(np.sum(compliances(nothing)[1] ** 2)), rest.freedom
     new = 0 if change.kind in here.said else len(size)
     gain = 0.5 * count * float(np.log(before / (2.0 * best.cost))) - 0.5 * new * float(np.log(count))
     if gain < (LEAST_NATS if new else AGAIN):

@@ -47,7 +47,7 @@ def judged(name: str, table: Dataset) -> tuple[OtherLoads | None, Poses]:
     arm, poses = checked_poses(gp.load_mechanism(name), table)
     assert isinstance(arm, LoadedMechanism)
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
-    return other_loads(fit, poses, (), OtherLoads(arm)), poses
+    return other_loads(fit, poses, (), arm), poses
 
 
 @pytest.mark.parametrize("declared", ["", pytest.param("1|1", marks=pytest.mark.long), "0|1|2"])

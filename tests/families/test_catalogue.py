@@ -249,7 +249,7 @@ def test_the_amplitude_of_a_curve_has_the_unit_of_its_motion() -> None:
 @pytest.mark.parametrize("name", ["irb6400r", "ur5", "dh", "palletiser"])
 @pytest.mark.parametrize(("column", "unit"), [("temperature", "degC"), ("speed", "mm/s"), ("approach_J2", "1")])
 def test_a_coefficient_is_a_motion_per_unit_of_its_column(name: str, column: str, unit: str) -> None:
-    """Of a growth, the motion is relative to a length."""
+    """A growth is a motion relative to a length."""
     data = replace(bare(name, 30), extras={column: np.linspace(18.0, 25.0, 30)}, extra_units={column: unit})
     arm, states = mechanism(name), prepare(mechanism(name), data).states
     pool = [c for family in catalogue.catalogue for c in catalogue.instances(family, arm, states)]
