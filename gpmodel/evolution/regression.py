@@ -51,11 +51,6 @@ function."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """Limits of the evolution of one population under a link function."""
-
-
-"""Number of looks at the clock of the search that compiles the loops, enough for a generation and the last steps."""
-
-
 COMPILING = 10
 """Number of looks at the clock of the search that compiles the loops, enough for a generation and the last steps."""
 
