@@ -18,15 +18,15 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
-"""Tool point of the comparison, m from the flange, off every axis, so that errors of the last joint displace it."""
+"""Tool point relative to the flange, m. It lies off every axis, so that errors of the last joint displace it."""
 CONDITION_LIMIT = 1e4
-"""Condition number above which a combination of errors is not fitted, as displayed joint values are rounded."""
+"""Condition number above which a combination of errors is not fitted, because joint values are rounded."""
 
 
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
-    """Return the linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
+    """Linearise the measurements in registration, tool and effects, all zero, at the poses of a table.
 
-    Of each measurement only its presence (finite or NaN) matters. Each measured distance has an anchor two metres away.
+    A measured value only matters by being finite or NaN. The fixed end of each measured distance is two metres away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
@@ -36,10 +36,10 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 
 @dataclass(frozen=True)
 class Step:
-    """One step in a sequence of models: its name, its fit to the training poses and its 3-D errors, m.
+    """One model of a sequence of growing models: its name, its fit to the training poses and its 3-D errors, m.
 
     train_error: error of each training pose. heldout_error: error of each held-out pose, NaN for an unknown set-up or
-    tool. finding: number of the finding that the model adds, in a discovery.
+    tool. finding: number of the accepted effect that the model adds.
     """
 
     name: str
@@ -59,12 +59,12 @@ class HeldOutFit:
 
     @property
     def known(self) -> Poses:
-        """The held-out poses whose set-up and tool occur in the fit."""
+        """The held-out poses whose registration and tool point were fitted to training poses."""
         return self.heldout.subset(known_rows(self.train.dataset, self.heldout.dataset))
 
 
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
-"""Names of models, and the effects of each model."""
+"""Names of calibration models, and the error terms (effects) of each calibration model."""
 
 
 def nested_models(standard: tuple[Effect, ...], groups: Models) -> Models:
@@ -92,7 +92,7 @@ def fit_steps(
 
 
 def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
-    """Return a fit to the poses `train` with its errors on the poses `train` and `heldout`."""
+    """Compute the errors of a fitted model on its training poses and on held-out poses."""
     known = known_rows(train.dataset, heldout.dataset)
     errors = np.full(len(heldout), np.nan)
     if len(known):
@@ -101,7 +101,7 @@ def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:
-    """Return the rows of `other` whose set-up and tool occur in `trained`; only these rows can be predicted."""
+    """Return the rows of the table `other` that have a registration and a tool of the table `trained`."""
     known = np.ones(len(other), dtype=bool)
     for column in ("setup", "tool"):
         known &= np.isin(other.label(column), trained.label(column))

@@ -1,4 +1,4 @@
-"""Choose which of several equivalent parameters are fixed at zero, in one order for every table."""
+"""Choose which of several equivalent robot parameters are fixed at zero, in one order for every table."""
 
 from collections.abc import Iterable
 
@@ -18,14 +18,14 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""Least unique share of a pose-dependent effect; an effect with less is imitated by other effects and not fitted."""
+"""Least part of a pose-dependent effect's motion that no other effect imitates, for the effect to be fitted."""
 
 LARGEST_LIMIT = 1e4
-"""Condition limit of a fit without geometric constants, for which no limit is selected."""
+"""Largest condition number of a fit without geometric constants."""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
-    """Return the names of the joints whose value is constant, within SAME_JOINT, over all poses of a table."""
+    """Return the names of the joints that do not move over the poses of a table."""
     if not len(dataset):
         return ()
     still = np.ptp(dataset.q, axis=0) <= SAME_JOINT
@@ -33,7 +33,7 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 
 
 def at_fixed_joints(slots: Iterable[str], still: tuple[str, ...]) -> bool:
-    """Return whether all slots (frames) belong to joints that do not move; effects at such joints are redundant."""
+    """Return whether all given frames belong to joints that do not move; effects at such joints are redundant."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 
@@ -48,8 +48,7 @@ def inclusion_order(
 ) -> IntArray:
     """Return the order, as numbers, in which a fit includes effects: joint zeros, then lengths, then angles.
 
-    Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
-    that joint has equivalent parameters.
+    Effects at a joint that does not move are omitted, because the link before the joint has equivalent parameters.
     growth: similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.
     growth is None if a measurement determines the scale.
     """
@@ -64,10 +63,10 @@ def inclusion_order(
 
 
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
-"""If no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
-condition limit with fewer measurements, which is halved until a degree of freedom remains. Cross-validation cannot
-choose the condition limit then, because folds ignore the prior that keeps such a fit from following the noise (of 20
-tables with 40 touches on three balls, cross-validation left 4 with one constant)."""
+"""Measurements per unknown above which all constants are fitted, and the condition limit below, if no measurement
+determines the robot's scale. The limit is halved until a degree of freedom remains. Cross-validation cannot choose the
+limit without a scale, because folds ignore the prior against overfitting (of 20 tables with 40 touches on three balls,
+cross-validation left 4 with one constant)."""
 
 
 def choose(
@@ -75,9 +74,9 @@ def choose(
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """Return a mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: linear problem at the effects' values `theta`. nominal: linear problem of the geometric constants alone, at
-    zero. Constant effects are ranked in `inclusion_order` by their nominal columns, because fitted errors of a
-    milliradian would make parallel axes appear distinguishable. Of the condition limits in LIMITS whose cross-validated
+    problem: linearised measurements at the effects' values `theta`. nominal: at zero, for geometric constants alone.
+    Constant effects are ranked in `inclusion_order` by their nominal columns, because with a fitted error of a
+    milliradian two parallel axes would appear distinguishable. Of the condition limits in LIMITS whose cross-validated
     error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
     one machine fit equal constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
     LIMIT_OF_FEW, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a unique share
@@ -130,7 +129,7 @@ def choose(
 
 
 def nonzero_in_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """Return a mask of columns that are nonzero in one fold only, such as a point that one fold alone touched.
+    """Return a mask of columns that are nonzero in one cross-validation fold only, as for a point touched once.
 
     No other fold determines a column that is zero outside one fold; the column is therefore projected out.
     """
@@ -139,7 +138,7 @@ def nonzero_in_one_fold(columns: Array, fold: IntArray) -> Mask:
 
 
 def _enough(problem: Linearised, held: int) -> None:
-    """Raise InputError for fewer measurements than unknowns."""
+    """Raise InputError if there are fewer measurements than unknown parameters."""
     fixed = problem.columns[:, : problem.placement]
     unknowns = (ident.orthonormal(fixed).shape[1] if problem.reduced else problem.placement) + held
     if len(problem.residual) < unknowns + (problem.reduced is None):

@@ -1,4 +1,4 @@
-"""Calibrate: fit registration, tool, anchors of distances and all effects together by Gauss-Newton."""
+"""Calibrate: fit registration, tool, fixed ends of distances and all error terms together by Gauss-Newton."""
 
 from dataclasses import dataclass, replace
 
@@ -24,14 +24,14 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 STEPS = 10
-"""Largest number of Gauss-Newton steps that split the instrument's effects; three are usual."""
+"""Largest number of Gauss-Newton steps that split errors of the instrument into rigid motion and distortion."""
 
 SETTLED = 1e-8
-"""Largest displacement of a measurement by the last step, m: a hundredth of an instrument's resolution."""
+"""Displacement by a step, m, at which the iterations end: a hundredth of an instrument's resolution."""
 
 WEAKEST = 1e-3
-"""Smallest singular value of the normalised columns of registration and tool that is used to absorb a residual. With a
-smaller singular value, a millimetre of residual would move the tool by a metre."""
+"""Smallest singular value of the normalised columns of registration and tool that is used to absorb a residual. Along a
+smaller singular value, a residual of a millimetre would move the tool by a metre."""
 
 
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
@@ -40,7 +40,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     With the columns D of the instrument's effects θ, the columns P of registrations and tools, and G = P⁺ D, the error
     D θ of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is
     distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the split
-    is copied from the known model.
+    into the two parts is copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -50,9 +50,9 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 
 
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
-    """Move the rigid part of the instrument's effects into registrations and tools; predictions do not change.
+    """Move the rigid part of instrument errors into registrations and tools; predictions do not change.
 
-    kept: mask of the effects that are fitted.
+    kept: True for each fitted effect.
     """
     of_it = np.array([e.of_the_instrument for e in fitting.model.effects], dtype=bool)
     own = np.flatnonzero(of_it & kept & (fitted.theta != 0.0))
@@ -83,7 +83,7 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
     """Return the displacement of each measurement by the instrument's effects with numbers `own`.
 
-    The displacement is the difference of predictions with and without the effects; linear for unmeasured joints.
+    The displacement is the difference of predictions with and without the effects.
     """
     if problem.reduced is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -100,9 +100,9 @@ def _least(columns: Array, target: Array) -> Array:
 
 
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
-    """Return the effect with additional rigid motions `share`, m and rad, in its field `taken_up`.
+    """Add rigid motions `share`, m and rad, to the motions that registration and tool absorb of an effect.
 
-    Registrations of the problem turn about the mean of the points, those in `taken_up` about the instrument's origin.
+    A fitted registration turns about the mean of the points, an absorbed rigid motion about the instrument's origin.
     """
     known = {(r.of, r.label): np.array(r.twist) for r in effect.taken_up}
     names = [problem.placement_names[k] for k in np.flatnonzero(problem.rigid)]
@@ -120,17 +120,17 @@ def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
 
 
 FREE_JOINTS_LIMIT = 50.0
-"""Condition limit of a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
+"""Largest condition number of a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
 
 ATTEMPTS = 4
 """Largest number of fits that exclude outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by the repeats of a pose, or of the log weight of a rotation, below which the
-weights have converged. A smaller change alters standard errors by less than a twentieth."""
+"""Change of the log variance shared by repeats of a pose, or of the log weight of a rotation, at which weights have
+converged. A smaller change of the weights alters standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
-"""Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
+"""Factor on the residual σ of an unconverged fit in the comparison with a converged fit of another condition limit."""
 
 ROUNDING = 1e-6
 """Relative increase of a sum of squares that is rounding error."""
@@ -138,7 +138,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class _Choices:
-    """Mask of the fitted effects, condition limit, and cross-validation curve of the limit."""
+    """Mask of the fitted effects, selected condition limit, and cross-validated error by condition limit."""
 
     free: Mask
     limit: float
@@ -158,12 +158,12 @@ def calibrate(
 
     condition_limit: geometric constants with a unique share below 1 / limit are dropped and listed. None: the condition
     limit is chosen by cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale;
-    lowered while the fit does not converge, unless σ grows by more than a tenth.
+    The limit is lowered while the fit does not converge, unless σ grows by more than a tenth.
     start: calibration whose registration, tool and effects are the initial values; without `start`, registration and
     tool are fitted first.
     robust: whether to exclude outliers. seed: random seed of the cross-validation folds.
-    If the fit ends with a larger cost than its start, the initial values are kept and `status` says so.
-    Raises InputError for fewer measurements than unknowns, or if all poses are equal.
+    If the final cost is larger than the initial cost, the initial values are returned with the status "kept previous".
+    Raises InputError if there are fewer measurements than unknowns, or if all poses are equal.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         return _calibrate(model, poses, condition_limit, start, robust, seed)
@@ -199,7 +199,7 @@ def _calibrate(
 
 
 def _placed(bare: Fitting) -> Placement:
-    """Return the best registration and tool of the nominal mechanism, from several starts to avoid local minima."""
+    """Fit registration and tool of the nominal mechanism from several initial values, to avoid local minima."""
     nothing = np.zeros(0, dtype=bool)
     reached = (iterate(bare, np.zeros(0), start, nothing) for start in start_placements(bare.poses))
     return min(reached, key=lambda found: residual_sigma(found.problem)).placement
@@ -216,9 +216,9 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose the effects to fit, iterate, weigh rotations and exclude outliers; repeat until no new outlier is found.
+    """Choose the effects to fit, fit them, weigh rotations and exclude outliers, until no new outlier is found.
 
-    If outliers prevent convergence, the next attempt begins again from the initial values.
+    If outliers prevent convergence, the next fit without the outliers begins again from the initial values.
     """
     origin = theta, placement
     fitted = Fitted(placement, theta, fitting.at(theta, placement), "converged")
@@ -259,7 +259,7 @@ def _fit(
 
 
 def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
-    """Return the linear problem of the constant effects alone, all at zero: the nominal geometry."""
+    """Linearise the measurements in the constant effects alone, about the nominal geometry."""
     constant = tuple(e for e in fitting.model.effects if e.constant)
     model = ErrorModel(fitting.model.mechanism, constant)
     return replace(fitting, model=model).at(np.zeros(len(constant)), placement)
@@ -268,7 +268,7 @@ def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
-    """Return the fit, or its initial values if their cost on equal poses is smaller; and the reason, "" for the fit."""
+    """Return the fit and "", or, if their cost on equal poses is smaller, the initial values and the reason."""
     theta, placement = origin
     free = fitted.problem.reduced is not None
     start = fitting.at(theta, placement) if free else fitting.with_residual_at(fitted.problem, theta, placement)
@@ -292,8 +292,8 @@ def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
 
 
 def _rotation_weight(problem: Linearised, poses: Poses) -> float:
-    """Return the weight of a radian, m: ratio of the median absolute residuals of lengths and of angles; without
-    lengths, METRES_A_RADIAN."""
+    """Return the weight of a measured radian, m: median absolute residual of lengths over that of angles. Without
+    measured lengths the weight is METRES_A_RADIAN."""
     residual, turns = np.abs(measured_minus(problem.observed, poses.dataset)), problem.observed.turns
     both = [part[np.isfinite(part)] for part in (residual[:, ~turns], residual[:, turns])]
     if not len(both[0]):
@@ -303,8 +303,8 @@ def _rotation_weight(problem: Linearised, poses: Poses) -> float:
 
 
 def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
-    """Return the problem of a fit to `poses` without the fit's outliers. Repeats of a pose count as independent
-    measurements."""
+    """Return the least-squares problem of a fit to `poses` without the fit's outliers. Repeats of a pose count as
+    independent measurements."""
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
     return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))

@@ -19,13 +19,13 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Least-squares problem of one Gauss-Newton step: fitted columns `free`, each over its length `scale`, and priors.
+    """Least-squares problem of one Gauss-Newton step: columns `free`, each divided by its norm `scale`, and priors.
 
     priors: rows of the priors on the scaled columns.
-    pulls: right side of the prior rows.
-    readings: prior rows of approximate joint values.
+    pulls: right side of the equations of the priors.
+    readings: equations of the priors on approximate joint values.
     factor: Cholesky factor of the normal equations if there are many columns, else None.
-    geometry: prior rows of the geometric constants in terms of all effects.
+    geometry: equations of the priors on geometric constants, in terms of all effects.
     sigma: noise of one component, m, that scales the priors of the effects.
     """
 
@@ -40,7 +40,7 @@ class LinearStep:
     sigma: float
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
-        """Return the step of all unknowns for a residual, zero where not free, and the predicted cost decrease, m²."""
+        """Solve for the step of all unknowns (zero if not fitted) and the predicted decrease of cost, m²."""
         step = np.zeros(len(self.free))
         if self.factor is None:
             system = np.vstack([self.problem.columns[:, self.free] / self.scale, self.priors])
@@ -83,9 +83,9 @@ def linear_step(
 MAX_ITERATIONS = 30
 """Largest number of steps of a calibration; six to ten are usual."""
 MAX_HALVINGS = 10
-"""Largest number of halvings of a step. At a thousandth of a step, rounding decides whether the cost falls."""
+"""Largest number of halvings of a Gauss-Newton step. At a thousandth of a step, rounding decides if the cost falls."""
 REGAINED = 2
-"""Number of halvings by which the next step starts longer than the last one. Short steps come in long sequences."""
+"""Number of halvings fewer than at the last step, with which a line search begins. Short steps come in sequences."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
 smaller decrease oscillate across a valley."""
@@ -94,15 +94,15 @@ CORRECTIONS = 2
 valley, which nearly equivalent parameters (twist, offset and tool) cause, a straight step is too short."""
 RESCALED, SCALE_SETTLED = 5, 1e-3
 """Largest number of solutions of one linear problem, and relative change of its residual that leaves the scale of the
-priors. A solution costs a tenth of new columns."""
+priors. A solution takes a tenth of the time of new derivatives."""
 NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
-next step reuses the columns. With residuals of 0.1 mm the reuse moves the result by less than STEP_TOLERANCE."""
+next step reuses the derivatives. With residuals of 0.1 mm, the result changes by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
-"""Largest displacement of a measurement, m, by the last step: a hundredth of an instrument's resolution."""
+"""Displacement by a step, m, at which the iterations end: a hundredth of an instrument's resolution."""
 FREE_JOINTS_TOLERANCE = 1e-8
-"""STEP_TOLERANCE of a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints rotate the columns
-by a second-order amount."""
+"""Displacement by a step, m, at which the iterations end if joint values are eliminated. Smaller steps oscillate:
+errors of the joint values rotate the columns by a second-order amount."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
@@ -114,7 +114,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Fitting:
-    """Problem of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
+    """Data of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
 
     block: number of every pose, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
@@ -128,20 +128,20 @@ class Fitting:
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the weighted linear problem at given parameter values, without the noise that repeats share."""
+        """Linearise the weighted measurements at given parameter values, repeats taken as independent."""
         return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the linear problem at given parameter values, with decorrelated rows of repeats."""
+        """Linearise the measurements at given parameter values, with decorrelated repeats of a pose."""
         return self._independent(self.linearised(theta, placement))
 
     def linearised_about(self, observed: Observed, placement: Placement) -> Linearised:
-        """Return the linear problem about given predictions, with decorrelated rows; no joint may be unmeasured."""
+        """Linearise about given predictions, with decorrelated repeats; all joints must be measured."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
-        """Return the problem with the residual at other values, unchanged columns; not valid for unmeasured joints."""
+        """Return the linear problem with the residual at other parameter values and unchanged derivatives."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.block, self.ratio)
         return there
@@ -154,7 +154,7 @@ class Fitting:
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
         """Return the cost of parameter values, m²: sum of squares of the residual and of the priors.
 
-        at: the step whose weights scale the priors, which makes the costs at several values comparable.
+        at: step whose noise scales the priors, so that costs at several parameter values are comparable.
         """
         prior = np.array([e.prior for e in self.model.effects])
         pulls = off_mean(self.model, theta) * at.sigma / prior
@@ -166,7 +166,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Current parameter values of Gauss-Newton iterations. The columns of `problem` may belong to close values."""
+    """Current parameter values of Gauss-Newton iterations. The derivatives in `problem` may belong to close values."""
 
     placement: Placement
     theta: Array
@@ -184,7 +184,7 @@ class Fitted(Iterate):
 class _Step:
     """Step of the linear problem in a Gauss-Newton iteration.
 
-    step: step of all parameters, m and rad. fall: predicted decrease of the cost, m².
+    step: change of all parameters, m and rad. fall: predicted decrease of the cost, m².
     motion: predicted displacement of the measurements, m. joint_change: predicted change of the joint-value rows, m.
     """
 
@@ -201,7 +201,7 @@ class _Step:
 
     @property
     def negligible(self) -> bool:
-        """True if the step is below the tolerance, so that the step is accepted whatever the cost."""
+        """True if the Gauss-Newton step is below the tolerance, so that it is accepted whatever the cost."""
         return self.moved < (STEP_TOLERANCE if self.linear.problem.reduced is None else FREE_JOINTS_TOLERANCE)
 
 
@@ -210,9 +210,9 @@ def iterate(
 ) -> Fitted:
     """Iterate Gauss-Newton over registration, tool and the effects of the mask `kept`.
 
-    problem: linear problem at the initial values, if known.
+    problem: linearised measurements at the initial values, if known.
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
-    unmeasured joints a step is only halved, since the rows change with the parameter values.
+    unmeasured joints a step is only halved, since eliminating joint values makes the rows depend on the parameters.
     """
     here = Iterate(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
@@ -240,7 +240,7 @@ def iterate(
 
 
 def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _Step:
-    """Return the step of the linear problem. With many columns, the residual that it leaves scales the priors."""
+    """Return the Gauss-Newton step. With many columns, the residual after the step scales the priors."""
     problem, model = here.problem, fitting.model
     for _ in range(RESCALED):
         linear = linear_step(model, problem, here.theta, here.placement, kept, gram)
@@ -256,8 +256,8 @@ def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _S
 def _lower(fitting: Fitting, here: Iterate, step: _Step, cut: int) -> tuple[Iterate | None, int]:
     """Return the first point along a step that lowers the cost enough, and the number of halvings of the step.
 
-    The search begins after `cut` halvings. The result is None if no point lowers the cost enough. A step that opens a
-    closed loop counts as too long. The point keeps the columns of the previous point, except with unmeasured joints.
+    The search along the step begins after `cut` halvings. The point is None if no point lowers the cost enough. Also
+    too long is a step after which a kinematic loop cannot close. Derivatives are reused if all joints are measured.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.reduced is not None
@@ -279,5 +279,5 @@ def _lower(fitting: Fitting, here: Iterate, step: _Step, cut: int) -> tuple[Iter
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Return whether a residual fell as a linear step predicted, so that the derivatives remain valid."""
+    """Return whether a residual fell as the linear model predicted, so that the derivatives remain valid."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

@@ -30,14 +30,14 @@ LEAST_ERROR = 1e-6
 LEAST_SIGMA = 1e-12
 """Smallest standard deviation of the noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
-"""Information added to every parameter to stabilise an eigenvalue problem, relative to its scaled information of 1."""
+"""Fisher information added to every parameter to stabilise an eigenvalue problem, relative to its own of 1."""
 
 
 @dataclass(frozen=True)
 class JointReadings:
     """Linear equations for approximate joint values in the table, in units of their prior standard deviations.
 
-    rows, off: left and right side of the equations. Rows are zero along joint directions that no pose determines.
+    rows, off: left and right side of the equations, zero along joint directions that no pose determines.
     determined: number of joint directions that the measurements determine.
     """
 
@@ -46,11 +46,11 @@ class JointReadings:
     determined: int
 
     def error(self, used: int = 0) -> float:
-        """Return the RMS error τ of the approximate joint values. used: number of unknowns fitted to joint values."""
+        """Return the RMS error τ of approximate joint values, less `used` degrees of freedom."""
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.determined - used, 1))), LEAST_ERROR)
 
     def informative(self, informed: Array, sigma: float) -> Array:
-        """Return combinations of joint values that determine some unknown better than the measurements do.
+        """Return combinations of approximate joint values that determine some unknown better than the measurements do.
 
         informed: rows C of measurements and priors, each with standard deviation σ = `sigma`. With R the rows of the
         joint values, τ their error and v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose
@@ -72,8 +72,9 @@ def joint_readings(
 ) -> JointReadings:
     """Return the linear equations for the approximate joint values at every pose.
 
-    off: joint values of the table minus solved joint values, rad and m. columns: derivatives C of the measurements by
-    all parameters, weighted. weights: weight of each measurement, zero if the measurement is missing or not used.
+    off: joint values of the table minus joint values solved from measurements, rad, m. columns: derivatives C of the
+    measurements by all parameters, weighted. weights: weight of each measurement, zero if the measurement is missing or
+    not used.
 
     U S Vᵀ are the weighted sensitivities of one pose to its unmeasured joints, in units of `prior_sigmas`. A step of
     the parameters moves the best-fitting joint values by -V S⁺ Uᵀ C step. The joint values in the table differ from the
@@ -95,13 +96,13 @@ def joint_readings(
 
 @dataclass(frozen=True)
 class Linearised:
-    """Weighted linear problem: columns · step ≈ residual, in metres; one row per measured component.
+    """Linearised least-squares problem: columns · step ≈ residual, in metres; one row per measured component.
 
-    The first `placement` columns are registration, tool and anchors of distances; the others are the model's effects.
-    pose_of_row: pose number of each row. placement_names: names of these first columns.
+    The first `placement` columns are registration, tool and ends of distances; the others are the model's effects.
+    pose_of_row: pose number of each row. placement_names: names of the first `placement` columns.
     observed: predicted measurements.
-    poses: the given poses, with joint values solved for unmeasured joints.
-    sizes: norms of the weighted columns before unmeasured joints were eliminated.
+    poses: table of the poses, with solved values of unmeasured joints.
+    sizes: norms of the weighted columns before elimination of unmeasured joints.
     weights: weight by pose and component, positive if measured; of a rotation `rotation_weight`, m per rad.
     reduced: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
@@ -120,7 +121,7 @@ class Linearised:
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
-        """Return a mask of the columns of registration and tool, and of the effects of the mask `kept`."""
+        """Return a mask of the columns of registration and tool, and of the fitted effects `kept`."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
     @property
@@ -131,7 +132,7 @@ class Linearised:
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
         """Return the derivatives of the measured rows by the coefficient of each effect, weighted like the residual.
 
-        For effects of the instrument, the part that registrations and tools absorb is projected out.
+        For errors of the instrument, the part that registrations and tools absorb is projected out.
         """
         if self.reduced is not None:
             rows = self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
@@ -145,7 +146,7 @@ class Linearised:
         return rows
 
     def weigh(self, values: Array) -> Array:
-        """Return values of the measurements, by pose and component, as rows weighted like the residual.
+        """Return values by pose and component as rows weighted like the residual.
 
         A column that unmeasured joints absorb is zero.
         """
@@ -162,7 +163,7 @@ class Reduction:
 
     complement: directions of the measurements that unmeasured joints do not move.
     weights: weights by pose and component before elimination.
-    readings: equations for the approximate joint values.
+    readings: linear equations for the approximate joint values of unmeasured joints.
     """
 
     complement: Complement
@@ -183,8 +184,8 @@ def add_effect_rows(
 ) -> Array:
     """Add the weighted derivatives of the measurements by each effect to `out`, one line per effect; return `out`.
 
-    weights: weights by pose and component; only components with a positive weight are rows. The result equals
-    `effect_columns`, but memory is used for one effect at a time: the sensitivity of a frame is computed in rows once.
+    weights: weights by pose and component; only components with a positive weight are rows. The derivatives equal those
+    of `effect_columns`; memory is used for one effect at a time.
     """
     rows = weights > 0
     pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
@@ -199,9 +200,9 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Yield every term of the effects: effect number, frame number, axis number, weight times basis at every pose.
+    """Yield every term of the effects: number of effect, frame and axis, and weight times basis function at each pose.
 
-    The terms of an effect precede its rigid motions that registrations and tools absorb, with a negative sign.
+    The terms of an effect precede the rigid motions that registrations and tools absorb of it, with a negative sign.
     """
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
@@ -221,9 +222,8 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Return the weighted linear problem at given parameter values. use: mask of the poses that enter the fit.
-
-    Unmeasured joints are solved for and eliminated.
+    """Linearise the weighted measurements of the poses `use` at given parameter values. Values of unmeasured joints are
+solved from the measurements and eliminated.
     """
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
@@ -241,7 +241,7 @@ def linearise(
 def linearise_about(
     observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Linearise about given predictions `observed`, for a mechanism without unmeasured joints."""
+    """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured."""
     residual, weights = _weighted(observed, poses, rotation_weight, use)
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
@@ -270,7 +270,7 @@ def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mas
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """Return the problem with the residual at other parameter values; not valid for unmeasured joints."""
+    """Return the linear problem with the residual at other parameter values; all joints must be measured."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
@@ -282,7 +282,7 @@ class _Dense:
     """Arrays of all poses before elimination of unmeasured joints.
 
     columns: columns of registration, tool and effects. residual, weights: by pose and component. names: names of the
-    columns before the effects. table: joint values as given in the table, rad and m.
+    columns of registration and tool. table: joint values as given in the table, rad and m.
     """
 
     columns: Array
@@ -293,7 +293,7 @@ class _Dense:
 
 
 def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed: Observed, dense: _Dense) -> Linearised:
-    """Return the linear problem after elimination of the unmeasured joints of each pose."""
+    """Eliminate the unmeasured joints of each pose from the linear problem."""
     weights, count = dense.weights, len(dense.names)
     measured = weights > 0
     joints = joint_columns(model.mechanism, observed)

@@ -16,10 +16,10 @@ of repeats carries no information."""
 
 @dataclass(frozen=True)
 class Whitening:
-    """Random-effects noise: the rows of a block share an error of ρ times the variance σ² of one row's own error.
+    """Random-effects noise: the rows of a block share an error of variance ρ σ²; each row adds an error of variance σ².
 
     A block holds one component (such as x) of all repeats of a pose. The covariance of a block of n rows is σ² (I + ρ
-    11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), with the mean of v over the block. block: block of each row.
+    11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), mean(v) over the block. block: block number of each row.
     ratio: variance ratio ρ.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
@@ -32,11 +32,11 @@ class Whitening:
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def unwhiten(self, values: Array) -> Array:
-        """Return values from whitened values: the inverse of `whiten`."""
+        """Return correlated values from whitened (independent) values."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
-        """Return values with the mean of each block multiplied by a factor; a single row is its mean."""
+        """Multiply the mean of each block of repeats by a factor; a single row is its own mean."""
         if self.ratio == 0.0:
             return values
         beside = [1] * (values.ndim - 1)
@@ -48,7 +48,7 @@ class Whitening:
 
     @cached_property
     def shared(self) -> tuple[IntArray, IntArray, "Whitening"]:
-        """Rows of blocks with several rows, the numbers of these blocks, and the whitening of these rows alone."""
+        """Rows of poses measured several times, block numbers of the rows, and the whitening of the rows."""
         rows = np.flatnonzero(self.sizes[self.block] > 1)
         numbers, block = np.unique(self.block[rows], return_inverse=True)
         return rows, numbers, replace(self, block=block.reshape(-1))
@@ -67,7 +67,7 @@ class Whitening:
         return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
-        """Return the whitening with ρ, the variance ratio, estimated from the residual of a fit of `unknowns` unknowns.
+        """Estimate the ratio ρ of shared to independent noise variance from the residual of a fit of `unknowns` values.
 
         ρ is max(0, B / W - 1) / n0, with the mean squares B between and W within blocks, and n0 rows in a typical
         block.
@@ -85,7 +85,7 @@ class Whitening:
 
 
 def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
-    """Whiten values of the rows of a problem, in place; rows of a pose measured once are unchanged.
+    """Make the errors of repeated poses independent (whiten them), in place; a pose measured once is unchanged.
 
     bundle: number of every pose, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
@@ -99,18 +99,18 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
     problem: linear problem whose residual was whitened by `ratio`. bundle: number of every pose, equal for repeats.
-    held: number of fitted effects. If no pose was measured twice, `ratio` is returned.
+    held: number of fitted effects. If no pose was measured twice, the given `ratio` is returned.
     """
     noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.unwhiten(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
 def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) -> float:
-    """Return the degrees of freedom of the variance of one measurement about a model of effectively `rank` unknowns.
+    """Return the degrees of freedom of the residual variance about a model of effectively `rank` unknowns.
 
     For M independent measurements the degrees of freedom are M - rank. For B blocks of n measurements with variance
-    ratio ρ, they are Satterthwaite's for the sum of both variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank)
-    + 2 (n - 1)² / (M - B)) / n². Source: JCGM 100 (2008), G.4.
+    ratio ρ, Satterthwaite's formula holds for the sum of shared and independent variance: 2 (1 + ρ)² / V with V = (2 (1
+    + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source: JCGM 100 (2008), G.4.
     """
     count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)
     if ratio == 0.0 or blocks == count:
@@ -121,10 +121,10 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) ->
 
 
 def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
-    """Return the whitening of a linear problem: a block per component of each pose, with a known variance ratio.
+    """Return the whitening of repeated measurements, whose blocks hold one component of one pose, for a known ratio.
 
-    bundle: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since the
-    remaining rows are no components that repeats could share.
+    bundle: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since
+    elimination of joint values mixes the components.
     """
     if problem.reduced is not None:
         return Whitening(np.arange(len(problem.residual)), ratio)

@@ -1,8 +1,8 @@
 """Loads that a description or a table states wrongly: an undeclared payload, another direction of gravity.
 
-Joint j and the base yield by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load of a unit of change k of the
-payload or of gravity. All compliances c_j share the changes x, which are found by variable projection (Golub and
-Pereyra 1973).
+Joint j and the base deflect by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load of a unit of change k of
+payload or gravity. All compliances c_j share the changes x, which are found by variable projection (Golub and Pereyra
+1973).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -30,23 +30,23 @@ Loads = Mapping[str, Array]
 FARTHEST = 1.0
 """Largest distance of the centre of mass of a payload from the measured frame, m, as for a tool point."""
 LEAST_NATS = 18.0
-"""Least gain of other loads, nats, beyond ln n / 2 for each of their constants: the price of two compliances, each
-with the least gain of a finding."""
+"""Least gain in log evidence of loads other than declared, nats, beyond ln n / 2 per fitted constant: the penalty of
+two compliances."""
 FIRST = (-0.4, 0.4, -3.0, 3.0)
-"""First changes of a load, besides none, relative to the change whose columns are as long as those of the declared
-loads."""
+"""Initial changes of a load, relative to the change whose effect on the measurements is as large as the declared
+load's."""
 TURNS, AGAIN = 8, 0.5
-"""Largest number of fits of gravity and payload in turn, and least gain of a further fit of one of them, nats."""
+"""Largest number of fits of gravity and payload in turn, and least gain in log evidence of a further fit, nats."""
 SHORTEST = 1e-6
-"""Length of a column, relative to the longest one, below which a joint has no load."""
+"""Norm of a joint's load, relative to the largest norm, below which the joint counts as unloaded."""
 
 
 @dataclass(frozen=True)
 class OtherLoads:
     """Loads that explain a residual better than the declared loads.
 
-    mechanism: mechanism with these loads. gain: gain in log evidence over the declared loads, nats.
-    constants: number of fitted constants of the loads. said: each fitted load in words, with standard errors, by kind.
+    mechanism: mechanism with the fitted loads. gain: gain in log evidence over the declared loads, nats.
+    constants: number of fitted constants of the loads. said: fitted loads as text, by kind.
     stderr: standard errors of the constants by kind; of a payload mass, kg, and first moments (3,), kg m.
     """
 
@@ -76,9 +76,9 @@ class _Values:
 def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], mechanism: Mechanism) -> OtherLoads | None:
     """Return the loads that explain a residual best, or None if the declared loads explain it nearly as well.
 
-    Gravity and payload are fitted in turn, each given the other.
-    fit: calibration on `poses`. without: names of its effects that follow loads, which are removed. mechanism: with the
-    declared loads; None results for one that was not loaded by name or from a file, or whose torques are measured.
+    Gravity is fitted given the payload, then the payload given gravity, in turn.
+    fit: calibration on `poses`. without: names of load-dependent effects to remove.
+    mechanism: mechanism with the declared loads. The result is None if it was built in Python or has measured torques.
     """
     if not isinstance(mechanism, LoadedMechanism):
         return None
@@ -101,8 +101,8 @@ def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], mechanis
 
 @dataclass(frozen=True)
 class _Rest:
-    """Residual of a model without some effects, m: values on measured rows and prior rows, without the span `basis` of
-    the columns of the other effects."""
+    """Residual of a model without some effects, m, on rows of measurements and of priors, with the span `basis` of the
+    columns of the other effects projected out."""
 
     problem: Linearised
     model: ErrorModel
@@ -112,7 +112,7 @@ class _Rest:
 
     @classmethod
     def of(cls, fit: Calibration, poses: Poses, without: frozenset[str]) -> "_Rest | None":
-        """Return the residual; None if no measurement is in an instrument's frame or a joint is not measured."""
+        """Return the residual; None if a joint is not measured, or no position is in an instrument's frame."""
         use = ~np.isin(np.arange(len(poses)), fit.outliers)
         problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
         if problem.reduced is not None or without_positions(problem):
@@ -128,7 +128,7 @@ class _Rest:
 
     @property
     def freedom(self) -> int:
-        """Number of rows minus number of fitted columns, at least 1."""
+        """Degrees of freedom of the residual: number of rows minus number of fitted columns, at least 1."""
         return max(len(self.values) - int(self.basis.shape[1]), 1)
 
     def columns(self, loads: Loads) -> Array:
@@ -144,7 +144,7 @@ class _Rest:
 
 @dataclass(frozen=True)
 class _Change:
-    """A change of the loads: its kind, the loads of its units, and the mechanism with values of it, in words."""
+    """A change of the loads: its kind, the loads per unit of change, and the changed mechanism with a text."""
 
     kind: str
     units: tuple[Loads, ...]
@@ -188,7 +188,7 @@ def _changes(mechanism: LoadedMechanism, data: Dataset) -> Iterator[_Change]:
 
 
 def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> OtherLoads | None:
-    """Return loads with a fitted change, or None if the gain is too small or the change impossible."""
+    """Fit a change of payload or gravity; return the changed loads, or None without sufficient gain."""
     first = rest.columns(here.mechanism.loads(data.q, data.payload))
     further = [rest.columns(unit) for unit in change.units]
     length = np.max([np.linalg.norm(u, axis=0) for u in (first, *further)], axis=0)

@@ -1,4 +1,4 @@
-"""Priors of a fit, as additional rows of the linear problem."""
+"""Prior distributions of calibrated parameters, as additional rows of the least-squares problem."""
 
 from dataclasses import dataclass, replace
 
@@ -35,7 +35,7 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 
 
 def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
-    """Return one row per effect, zero except for the effect's weight in the effect's column. effects: their numbers."""
+    """Return one row per effect number in `effects`, zero except for the effect's weight in the effect's column."""
     rows = np.zeros((len(effects), problem.columns.shape[1]))
     rows[np.arange(len(effects)), problem.placement + effects] = weights
     return rows
@@ -47,12 +47,12 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Return the prior rows, m, of the fitted constants with numbers `at`.
+    """Return the equations of the priors, m, of the fitted geometric constants with numbers `at`.
 
-    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Without
-    such a measurement, all constants θ_all, also those that are not fitted, have the standard deviation `reach`. The
-    fitted constants θ = A θ_all then have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry
-    does not depend on which constants are fitted. `reach` is estimated, at most TOLERANCE.
+    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise all
+    constants θ_all, also constants that are not fitted, have the standard deviation `reach`. The fitted constants θ = A
+    θ_all have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry does not depend on which
+    constants are fitted. `reach` is estimated, at most TOLERANCE.
     """
     if not (len(at) and without_positions(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -66,10 +66,8 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 def _explained(
     model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return the inverse of L, A Aᵀ = L Lᵀ, where A maps all constants to the fitted ones, and arguments of `spread`.
-
-    These arguments are the columns of the fitted constants in units of their prior, the measurements, and the columns
-    of registration and tool.
+    """Return L⁻¹ with A Aᵀ = L Lᵀ, where A maps all constants to fitted constants, and three arguments of `spread`: the
+columns of the fitted constants in units of their prior, the measurements, and the columns of registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(nominal_constants(model)), at)
     stands, growth = equivalent_changes(model, problem, placement, at, others)
@@ -87,7 +85,7 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     """Return left and right side of the prior p σ / TOOL_REACH = 0 of every tool point p, m, with σ the noise, m.
 
     Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
-    fit. The rows are in the axes of the tool.
+    fit. The prior rows are in the axes of the tool.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))
@@ -101,11 +99,11 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Priors:
-    """Rows and right side of all priors of a fit.
+    """Left and right sides of the linear equations of all priors of a fit.
 
-    effect_rows: number of rows, counted from the first, that are priors of effects.
-    single: number of rows, from the first, with one effect per row.
-    geometry: prior rows of the geometric constants in terms of all effects.
+    effect_rows: number of leading rows that are priors of effects.
+    single: number of leading rows with one effect per row.
+    geometry: prior equations of the geometric constants, in terms of all effects.
     """
 
     rows: Array
@@ -143,7 +141,8 @@ class JointPriors:
         """Select combinations of approximate joint values that determine an unknown better than the measurements do
         together with the prior rows `rows`.
 
-        free: mask of the fitted columns. sigma: noise of measurements, m. If no joint is unmeasured, no row results.
+        free: mask of the fitted columns. sigma: noise of measurements, m. There is no such row if every joint is
+        measured.
         """
         if problem.reduced is None:
             return cls(np.zeros((0, 0)), 0.0)

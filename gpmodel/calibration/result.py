@@ -1,4 +1,4 @@
-"""Result of a fit: values, standard errors and diagnostics."""
+"""Result of a calibration: parameter values, standard errors and diagnostics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,8 +22,8 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation of two parameters above which the report calls the parameters interchangeable. The standard error of
-either parameter is then at least 1.7 times as large as if the other were known."""
+"""Correlation of two parameters above which the report calls the parameters interchangeable. At this correlation, a
+standard error is 1.7 times as large as if the other parameter were known."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Covariance:
 
     placement: names of the unknowns of registration and tool, which precede the effects.
     centre: point about which a rotation of the registration turns, (3,), m in the instrument's frame.
-    alternatives: effects that are alternative explanations of a finding; these effects are zero in the fit.
+    alternatives: effects that could explain the data instead of an accepted effect; zero in the fit.
     over_causes: second moment of registration, tool, effects and `alternatives` about the fit, averaged over the
     alternative explanations, SI units; empty if the fit has none.
     """
@@ -55,8 +55,8 @@ class Covariance:
 
     @property
     def predictive(self) -> Array:
-        """Covariance of the unknowns for predictions, SI units; effects of alternative explanations, if any, follow the
-        effects of the model."""
+        """Covariance of the unknowns for predictions, SI units: effects of the model, then alternative explanations, if
+        any."""
         return self.over_causes if len(self.over_causes) else self.values
 
     def subset(self, kept: Mask) -> "Covariance":
@@ -72,12 +72,12 @@ class Uncertainty:
     """Uncertainty of the parameters of a fit.
 
     stderr, unique_share: standard error and unique share of each effect, NaN and zero for dropped effects.
-    correlation: correlations of the effects.
+    correlation: correlation matrix of the estimated effects.
     covariance: covariance of all fitted quantities.
     placement_numbers: registration and tool, number by number.
     sigma: standard deviation of one component of a measurement about the model, m.
-    freedom: degrees of freedom of sigma, also for Student's t of the estimates.
-    rank: number of unknowns that the measurements determine.
+    freedom: degrees of freedom of sigma, and of Student's t of the estimates.
+    rank: number of unknown parameters that the measurements determine.
     """
 
     stderr: Array
@@ -101,7 +101,7 @@ class Calibration(Uncertainty):
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     rotation_weight: weight of a radian of measured rotation, m.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
-    status: converged, stalled, diverged or kept previous. reason: explanation of the status.
+    status: converged, stalled, diverged or kept previous, explained by `reason`.
     """
 
     model: ErrorModel
@@ -129,8 +129,7 @@ class Calibration(Uncertainty):
 
     @property
     def prior_errors(self) -> Array:
-        """Standard deviation of each dropped effect that the measurements do not show, SI units; NaN of other
-        effects."""
+        """Prior standard deviation of each effect that the measurements do not show, SI units; NaN of other effects."""
         deviation = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
         return np.where(self.free | (deviation == 0.0), np.nan, deviation)
 
@@ -147,7 +146,7 @@ class Calibration(Uncertainty):
 
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
-        """Map each fitted effect to effects whose correlation with the effect exceeds CORRELATED in size."""
+        """Map each fitted effect to the effects whose estimates correlate with its estimate beyond CORRELATED."""
         names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.free)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]
@@ -164,22 +163,22 @@ def fixed_by_priors(model: ErrorModel, stderr: Array) -> float:
 
 
 def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
-    """Return the weighted linear problem of a fitted model at any poses of known set-ups and tools; all poses count."""
+    """Linearise a fitted model at any poses with known registrations and tools."""
     use = np.ones(len(poses), dtype=bool)
     model, theta, placement = calibration.model, calibration.theta, calibration.placement
     return linearise(model, poses, theta, placement, calibration.rotation_weight, use)
 
 
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
-    """Return the 3-D error of each pose by a fitted model, m. Set-ups and tools must be known; unmeasured joints are
-    solved first."""
+    """Return the 3-D error of each pose by a fitted model, m. Registrations and tools must be known; values of
+    unmeasured joints are solved first."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
     return pose_error(observed, poses.dataset)
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
-    """Return the poses with unmeasured joints solved against the measurements; unchanged if all joints are measured."""
+    """Solve the values of unmeasured joints from the measurements; poses are unchanged if all joints are measured."""
     return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
 
 
@@ -192,7 +191,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with noise σ, columns and prior rows C.
 
     The noise variance is the sum of squares of the residual over (rows - rank), unless the model states its noise.
-    Approximate joint values of unmeasured joints add rows for unknowns that the measurements leave undetermined.
+    Approximate values of unmeasured joints add rows for unknowns that the measurements do not determine.
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
@@ -238,7 +237,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
 
 
 def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigma: float) -> None:
-    """Add dropped constants that the measurements do not show to a covariance, SI units, with their prior."""
+    """Add to a covariance, SI units, the prior variance of constants that the measurements do not show."""
     problem, model = fitted.problem, fitting.model
     unseen = unrepresented_constants(model, problem, fitted.placement, kept)
     if not unseen.any():
@@ -251,7 +250,7 @@ def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigm
 
 
 def _or_one(norms: Array) -> Array:
-    """Return the norms of columns with rounding errors replaced by 1."""
+    """Return norms of columns, where a norm at the level of rounding is replaced by 1."""
     return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
 
 
@@ -275,7 +274,7 @@ def placement_numbers(placement: Placement, problem: Linearised, covariance: Arr
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[PlacementNumber]:
-    """Return position and rotation of one frame as numbers, except for a part on which no measurement depends.
+    """Return position and rotation of one frame as numbers, without components on which no measurement depends.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
     """

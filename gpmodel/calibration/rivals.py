@@ -38,12 +38,12 @@ class FittedColumns:
 
     @property
     def columns(self) -> Array:
-        """Derivatives of the measured rows by registration, tool and effects, weighted like the residual."""
+        """Derivatives of the measurements by registration, tool and effects, weighted like the residual."""
         return self.problem.columns
 
     @property
     def first(self) -> int:
-        """Position of the first effect among the columns."""
+        """Number of the column of the first effect; columns of registration and tool precede it."""
         return self.problem.placement
 
     @property
@@ -53,55 +53,55 @@ class FittedColumns:
 
     @cached_property
     def orthogonal(self) -> LeaveOneOut:
-        """Each fitted column with the other columns projected out, as far as the priors of the other columns allow.
-        The rows of the priors follow the measured rows."""
+        """Each fitted column, without its part in the span of the others (limited by their priors). Rows of priors
+        follow the rows of measurements."""
         fit = self.calibration
         loose = fit.free & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
         return LeaveOneOut.of(np.vstack([self.columns[:, self.free], priors[:, self.free]]))
 
     def over_all_rows(self, values: Array) -> Array:
-        """Append to values of the measured rows one zero for each prior row."""
+        """Append to values of the measurements one zero for each prior row."""
         return np.vstack([values, np.zeros((len(self.orthogonal.u) - len(values), values.shape[1]))])
 
     def position(self, k: int) -> int:
-        """Return the position of effect number `k` among the fitted columns."""
+        """Return the column number of effect number `k` among the fitted columns."""
         return self.first + int(np.sum(self.calibration.free[:k]))
 
     def columns_of(self, candidate: Candidate) -> Array:
-        """Return the columns of a candidate's effects, weighted like the residual."""
+        """Return the derivatives of the measurements by a candidate's effects, weighted like the residual."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """Return the displacement of the measurements by effect number `k` minus the displacement by a candidate whose
-        effects have the coefficients `sizes`."""
+        """Return the displacement of the measurements by effect number `k` minus the displacement by a candidate effect
+        with the coefficients `sizes`."""
         constant = self.calibration.theta[k] * self.columns[:, self.first + k]
         return np.asarray(constant - self.columns_of(candidate) @ sizes)
 
 
 SIGNIFICANT = 3.0
-"""Least distance of a constant from zero, in standard errors, for which alternatives are sought."""
+"""Least size of a geometric constant, in standard errors, for which alternative causes are sought."""
 
 TOLD_APART = 2.0
-"""Distance of two explanations over all poses, in standard deviations of the noise, below which the explanations are
-indistinguishable."""
+"""Distance of the displacements of two effects over all poses, in standard deviations of the noise, below which the
+effects are indistinguishable."""
 
 PLAUSIBLE = 3.0
-"""Largest plausible size of a candidate, in standard deviations of its prior."""
+"""Largest plausible coefficient of a candidate effect, in standard deviations of its prior."""
 
 UNKNOWNS = 2
-"""Largest number of unknowns of an alternative. A smooth term with more unknowns imitates every constant."""
+"""Largest number of unknowns of an alternative cause. A smooth term with more unknowns imitates every constant."""
 
 VISIBLE = 0.05
-"""Least share of a candidate's motion that the model does not absorb. A candidate with less is no alternative."""
+"""Least part of a candidate's motion that the model does not absorb, for the candidate to be an alternative cause."""
 
 POOL = 400
 SHOWN = 4
-"""Number of random poses within the joint limits, and number of reported poses, where the explanations differ most."""
+"""Number of random poses within the joint limits, and of reported poses, where two explanations differ most."""
 
 
 AT_ONCE = 50
-"""Number of candidates with columns in memory at once; a candidate needs megabytes with thousands of poses."""
+"""Number of candidate effects in memory at once; a candidate needs megabytes with thousands of poses."""
 
 ROW = "row"
 """Input of effects that depend on the row number of the table."""
@@ -114,8 +114,8 @@ class Alternative:
     value: value of the constant, in `unit`.
     sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
-    distance: distance of the two explanations over all poses, in standard deviations of the noise.
-    poses: joint values, rad and m, where the two explanations differ most. difference: distance at these poses, m.
+    distance: distance of their displacements over all poses, in standard deviations of the noise.
+    poses: joint values, rad and m, where the two explanations differ most. difference: distance there, m.
     session_inputs: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
@@ -137,11 +137,11 @@ class Alternative:
 
     @property
     def amplitude(self) -> float:
-        """Root of the sum of squares of the coefficients; the amplitude of a pair of sine and cosine."""
+        """Root of the sum of squares of a candidate's coefficients; the amplitude of a pair of sine and cosine."""
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
-        """State in one sentence which effect could replace the constant, and the poses that would separate the two.
+        """State in one sentence which effect could replace a constant, and the poses that would separate the two.
 
         kinds: kind of each joint (revolute or prismatic).
         """
@@ -208,7 +208,7 @@ def alternatives_of_constants(
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its columns, and with the part of the columns that the model does not explain."""
+    """Yield every candidate with its derivatives, and with their part that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.columns_of(candidate) for candidate in some]))
@@ -221,9 +221,9 @@ def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Altern
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
     Candidates are effects of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible candidate
-    that moves the point least is selected, if other measurements could distinguish it and its motion has the size of an
-    error: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number are
-    excluded, because a constant acts on all rows alike.
+    that moves the point least is selected, if other measurements could distinguish the two and its motion has the size
+    of an error: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number
+    are excluded, because a constant acts on all rows alike.
     """
     least = calibration.sigma / np.sqrt(len(poses))
     mechanism = calibration.model.mechanism
@@ -247,8 +247,8 @@ def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Altern
 def session_inputs(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
-    The result is the instrument if an effect acts on the instrument, else all inputs except joint values, the point and
-    computed loads.
+    An effect on the instrument has the input "instrument". Other effects have their inputs except joint values, the
+    point and computed loads.
     """
     if any(INSTRUMENT in effect.slots for effect in effects):
         return (INSTRUMENT,)
@@ -279,7 +279,7 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
 def _telling(
     here: FittedColumns, fresh: FittedColumns, found: Sequence[tuple[int, Candidate, Array]]
 ) -> list[tuple[Array, Array]]:
-    """Return for each pair the joint values, rad and m, where constant and candidate differ most, and the distances, m.
+    """Return for each constant the joint values, rad and m, where its candidate differs most, and the distances, m.
 
     found: number of the constant, candidate, and its coefficients. Candidates of one constant are solved together.
     """
@@ -303,7 +303,7 @@ def _telling(
 
 
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
-    """Return the positions, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
+    """Return the numbers, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
 
     Unknowns of one table alone, such as anchors of distances, exist in `here` only.
     """

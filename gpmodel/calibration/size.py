@@ -1,8 +1,8 @@
 """Scale of a mechanism that touches and relative measurements leave undetermined.
 
 If all lengths of a mechanism, its tool and the positions of the touched bodies are scaled by one factor, no touch
-changes. The fit with the constants nearest to their nominal values is then selected. A bar, a ball of known diameter,
-an artefact or measured coordinates determine the scale.
+changes. The calibration nearest to the nominal geometry is then selected. A bar, a ball of known diameter, an artefact
+or measured coordinates determine the scale.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from gpmodel.model.touches import Touches
 from gpmodel.numerics import rank as ident
 
 LIMIT = 5000.0
-"""Condition limit if no measurement determines the scale. Nearly redundant combinations of constants are then held by
-their prior, so that the fit is nearest to the description; a lower limit would drop the combinations instead."""
+"""Condition limit if no measurement determines the scale. Nearly redundant combinations of constants are then held near
+nominal values by their prior. A lower limit would drop the combinations."""
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
-mrad for links and joint zeros. With ten times this prior, touches of a two-armed robot made the robot 8 % larger. At
-half and at double this prior, the constants that the measurements determine do not change."""
+mrad for links and joint zeros. With ten times this prior, touches of a two-armed robot made the robot 8 % larger. With
+half or double the prior standard deviation, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
 """Grid of the standard deviation of constants about their nominal values, m and rad: smallest (machined parts), largest
 (lost joint zeros), and number of values."""
@@ -36,7 +36,7 @@ SMALLEST = 1e-4
 
 
 def shows_size(kind: Observation) -> bool:
-    """Return whether the measurements of an instrument include a known length, which determines the scale."""
+    """Return whether an instrument measures a known length, which determines the scale of the robot."""
     if isinstance(kind, Touches):
         known = (
             f.frame[:3, 3].any() or (f.surface == "on_sphere" and f.radius > 0) for b in kind.bodies for f in b.features
@@ -46,16 +46,16 @@ def shows_size(kind: Observation) -> bool:
 
 
 def scale_unobservable(problem: Linearised) -> bool:
-    """Return whether no measurement of a fit determines the scale of the mechanism."""
+    """Return whether no measurement determines the scale of the mechanism."""
     kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
     return bool(kinds) and problem.reduced is None and not any(map(shows_size, kinds))
 
 
 def without_positions(problem: Linearised) -> bool:
-    """Return whether no measurement of a fit is a position in the frame of an instrument.
+    """Return whether no measurement is a position in the frame of an instrument.
 
     Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other, and orientations show
-    no length. Such measurements determine much of the geometry weakly or not at all.
+    no length. Relative measurements determine much of the geometry weakly or not at all.
     """
     return problem.reduced is None and without_frame(problem.observed.kinds)
 
@@ -86,7 +86,7 @@ def scale_similarity(model: ErrorModel, problem: Linearised) -> Array:
 def equivalent_changes(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """Return the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
+    """Compute the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
 
     Also return the changes of `held` per unit of uniform scaling. Effects are equivalent if they move the tool
     point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
@@ -114,10 +114,9 @@ def _of_the_tool_point(
 
 
 def unrepresented_constants(model: ErrorModel, problem: Linearised, placement: Placement, kept: Mask) -> Mask:
-    """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does.
-
-    The measurements do not show these constants: an inclinometer shows no length and nothing beyond its link. The mask
-    is empty if a position is measured in the frame of an instrument.
+    """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does. The
+measurements are insensitive to the masked constants: an inclinometer shows no length and nothing beyond its link. The
+mask is empty if a position is measured in the frame of an instrument.
     """
     out = np.zeros(len(model.effects), dtype=bool)
     fitted = np.flatnonzero(kept & nominal_constants(model))
@@ -139,10 +138,10 @@ def nominal_constants(model: ErrorModel) -> Mask:
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
     """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
-    columns: derivatives of the measurements by unknowns that are scaled to unit prior variance.
+    columns: derivatives of the measurements by unknowns, which are scaled to unit prior variance.
     target: measurements, m. placed: derivatives by the unknowns that have no prior.
     most: upper limit of the prior standard deviation of the unknowns, m and rad.
-    Returns the standard deviation, the RMS residual, m, and orthonormal columns that the measurements determine.
+    Returns the standard deviation, the RMS residual, m, and orthonormal combinations that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +
     reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
     Interpolation.

@@ -17,8 +17,8 @@ from gpmodel.table.dataset import Dataset
 
 
 def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Return the derivatives of each pose's measurements by registration, tool and the instruments' own unknowns, in
-    blocks, and the names of these unknowns."""
+    """Return the derivatives of each pose's measurements by the unknowns of registration, tool and instruments, in
+    blocks, and the names of the unknowns."""
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []
@@ -73,22 +73,22 @@ START_POSES = 400
 """Largest number of poses used for the initial values. The fit itself uses all poses."""
 
 TOOL_PULL = 1e-4
-"""Penalty on the tool point, m of error per m from the flange. The penalty matters only if the poses do not determine
-the tool."""
+"""Penalty on the distance of the tool point from the flange, m of error per m. The penalty matters only if the poses do
+not determine the tool."""
 
 GOOD_START = 1e-4
-"""RMS error, m, of initial values below which no further start is tried. Poses in one plane have a mirrored solution,
-which fits far worse."""
+"""RMS error, m, of initial values below which no further initial values are tried. Poses in one plane have a mirrored
+solution, which fits far worse."""
 
 TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
-"""Initial tool points, m: the flange, and 0.15 m from the flange in each direction."""
+"""Initial tool points of a calibration, m: the flange, and 0.15 m from the flange in each direction."""
 
 
 def start_placements(poses: Poses) -> Iterator[Placement]:
     """Yield initial values: registration by Kabsch for each trial tool point, tool points by least squares.
 
     If only balls were touched, each of TRIED_TOOLS gives one start, because the fit has several local minima: a ball of
-    unknown position fits another tool with another radius. Starts without a valid ball are skipped.
+    unknown position fits another tool with another radius. Initial values without a valid ball are skipped.
     The unknowns of each instrument are initialised from the predicted tips. Raises InputError if a set-up has fewer
     than 3 measured poses, or an instrument has too few measurements for its unknowns.
     """
@@ -130,9 +130,8 @@ def _balls(data: Dataset) -> bool:
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Return given registrations and tool points, m, completed by the instruments' unknowns.
-
-    The orientations of the tools are the measured ones. slots: frames of the nominal mechanism at every pose.
+    """Complete given registrations and tool points, m, by the instruments' unknowns. The orientations of the tools are
+the measured orientations. slots: frames of the nominal mechanism at every pose.
     """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}

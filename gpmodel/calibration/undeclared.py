@@ -1,6 +1,6 @@
 """Separate constants from undeclared effects in measurements without an instrument's frame.
 
-Within the measured region, constants can imitate an undeclared effect; outside, predictions differ. Measurements r are
+Within the measured region, constants can imitate an undeclared effect; outside, predictions differ. Measurements r obey
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
@@ -36,33 +36,33 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 
 MEAN, OF_ONE, OF_TWO = 0.3, ((0.3, 1.5), (0.1, 4.0)), (0.3, 1.5)
-"""Variance of an unknown function of size 1: of its mean; of sinusoids of one joint, with their rates, rad over its
-range; and of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean;
-without a mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry.
-With other shares and rates from 1 to 4.5 the error outside is up to twice as large on planes, within a fifth elsewhere.
+"""Variances of an unknown function of size 1: of its mean; of sinusoids of one joint, with rates, rad over its range;
+of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean; without a
+mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry. With
+other variances and rates from 1 to 4.5 the error outside is up to double on planes, within a fifth elsewhere.
 """
 MOST_ROWS, LARGEST = 400, 3000
-"""Number of measurements from which variances are estimated, drawn evenly along the rows; and number up to which their
-covariance is inverted. With more than LARGEST measurements, the noise is taken as white."""
+"""Number of measurements, drawn evenly along the rows, from which variances are estimated; largest number whose
+covariance is inverted. With more measurements, the noise is taken as white."""
 STEPS = 20
-"""Number of updates of the variances; with 40 no constant changes by a tenth of its standard error."""
+"""Number of iterations that estimate variances; with 40 no constant changes by a tenth of its standard error."""
 PASSES = 3
-"""Number of steps of generalised least squares after the ordinary fit; the third moves no measurement by 0.1 µm."""
+"""Number of generalised least-squares steps after an ordinary fit; a third step moves no measurement by 0.1 µm."""
 SHOWN = 0.1
-"""Least RMS displacement of the measurements by a function, in units of their noise; a smaller function is omitted."""
+"""Least RMS displacement of the measurements by an unknown function, in units of noise; smaller ones are omitted."""
 MOST_WAVES, FAINT = 200, 1e-2
-"""Largest number of sinusoids of one function in a model, and their least size relative to the largest."""
+"""Largest number of sinusoids that express an unknown function, and their least size relative to the largest."""
 SMOOTH, UNDECLARED = "smooth functions of the joint values", "undeclared"
 """Name and family of the effect that adds the undeclared functions to a model. The unknown of the effect is a factor, 1
 for the estimated functions."""
 ALONE_STEPS = 200
-"""Number of updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
+"""Number of iterations for τ and n without functions; 100 instead change the log likelihood by less than 0.001."""
 EARNED = 20.0
 """Least gain in log evidence at which undeclared effects are reported, nats. The largest gain of 56 tables of touches
 and cameras without an undeclared effect was 11 nats, the least of eight with a compliant joint and two oval gears 38
-nats. At half this limit, one table more of pure noise is reported; at double, one table with an effect is missed."""
+nats. With half the limit, one table more of pure noise is reported; with double, one table with an effect is missed."""
 START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
-"""Initial γ and τ, m and rad, and initial share of noise in the measurements; smallest γ and n, at rounding."""
+"""Initial standard deviations γ and τ, m and rad, and initial share of noise in the measurements; smallest γ and n."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Undeclared:
     sizes: standard deviation γ of the unknown function at each axis of `geometric_effects`, m and rad.
     constant: standard deviation τ of a constant, m and rad.
     noise: standard deviation n of a measurement, m.
-    gain: log restricted likelihood minus the log restricted likelihood without the functions, nats.
+    gain: increase of the log restricted likelihood by the functions, nats.
     """
 
     sizes: Array
@@ -82,7 +82,7 @@ class Undeclared:
 
     @classmethod
     def estimated(cls, problem: Linearised, model: ErrorModel, theta: Array) -> "Undeclared":
-        """Estimate the standard deviations from a problem at constants `theta` by their restricted likelihood."""
+        """Estimate the standard deviations of functions, constants and noise by their restricted likelihood."""
         rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
         axes, constant = _axes(problem, model)[rows], nominal_constants(model)
         effects, added = problem.columns[rows, problem.placement :], constant | _smooth(model)
@@ -110,11 +110,11 @@ class Undeclared:
 
     @property
     def significant(self) -> bool:
-        """True if the unknown functions explain the measurements better than noise would, by more than EARNED nats."""
+        """True if unknown functions increase the log restricted likelihood by more than EARNED nats."""
         return self.gain > EARNED
 
     def covariance(self, problem: Linearised, model: ErrorModel) -> "UndeclaredCovariance":
-        """Return the covariance of undeclared effects (unknown functions) and noise in the rows of a problem."""
+        """Return the covariance of the measurements by undeclared effects (unknown functions) and noise."""
         waves = SinusoidProducts.of(problem, model)
         values = waves.values(problem.poses.dataset.q)[problem.pose_of_row]
         axes = _axes(problem, model) * self.sizes / self.noise
@@ -138,7 +138,7 @@ class UndeclaredCovariance:
     lower: Array
 
     def whiten(self, problem: Linearised) -> Linearised:
-        """Return the problem with whitened rows: independent, each with the variance of the noise."""
+        """Transform the linear problem to independent rows, each with the variance of the noise."""
         columns, residual = (self._solved(values) for values in (problem.columns, problem.residual))
         ratio = self.deviations.noise / min(self.deviations.constant, TOLERANCE)
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
@@ -146,7 +146,7 @@ class UndeclaredCovariance:
     def posterior_mean(self, white: Array, model: ErrorModel) -> Effect | None:
         """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
 
-        The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
+        The effect is None if all functions are below SHOWN times the noise. The effect's prior is the standard
         deviation of the functions relative to their mean, both RMS over the measurements.
         """
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
@@ -163,14 +163,13 @@ class UndeclaredCovariance:
 
     @property
     def determined(self) -> float:
-        """Effective number of parameters of the unknown functions that the measurements determine."""
+        """Effective number of parameters of the unknown functions of undeclared effects."""
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
     def posterior_variance(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
-        """Return the posterior variance of each of some points, m², by fitted unknowns and unknown functions together.
-
-        axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted:
-        problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
+        """Return the posterior variance of predicted points, m², by fitted unknowns and unknown functions together.
+axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted: problem of
+the fit. The part of an unknown that functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):
@@ -180,9 +179,8 @@ class UndeclaredCovariance:
         return np.asarray(np.maximum(out, 0.0))
 
     def posterior_root(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
-        """Return a square root, m, of the posterior covariance that the unknown functions cause in other measurements.
-
-        Also return the share of each fitted unknown that the unknown functions absorb at these measurements.
+        """Return a square root, m, of the posterior covariance that the unknown functions cause in new measurements.
+Also return the share of each fitted unknown that the unknown functions absorb at the new measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.deviations.sizes, self.sinusoids.values(q)
@@ -194,8 +192,8 @@ class UndeclaredCovariance:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.deviations.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
-        """Return L⁻¹ (covariance factor of the fit) times the covariance, m, of fitted and other measurements. q: joint
-        values of the other measurements. columns: their displacement per unit of each axis."""
+        """Return L⁻¹ times the covariance, m, of fitted and new measurements, with L the covariance factor of the fit.
+        q: joint values of the new measurements. columns: displacement of the new measurements per unit of each axis."""
         there = self.sinusoids.values(q) @ self.values.T
         return self._solved((((columns * self.deviations.sizes) @ self.axes.T) * there).T)
 
@@ -209,11 +207,11 @@ Wave = tuple[str, int, float]
 
 @dataclass(frozen=True)
 class SinusoidProducts:
-    """Products of sinusoids of the joint values; an unknown function is a weighted sum of such products.
+    """Products of sinusoids of the joint values; their weighted sum is a function of an undeclared effect.
 
     names: joint names.
     sizes: standard deviation of the coefficient of each product.
-    parts: sinusoids of each product.
+    parts: the sinusoids (of one or two joints) of each product.
     """
 
     names: tuple[str, ...]
@@ -222,7 +220,7 @@ class SinusoidProducts:
 
     @classmethod
     def of(cls, problem: Linearised, model: ErrorModel) -> "SinusoidProducts":
-        """Return the products of sinusoids for the joint ranges of a problem."""
+        """Return the products of sinusoids for the joint ranges of the measured poses."""
         span = np.ptp(problem.poses.dataset.q, axis=0)
         moving = np.flatnonzero(span > 0).tolist()
         products: list[tuple[float, tuple[Wave, ...]]] = [(MEAN, ())]
@@ -263,7 +261,7 @@ def _waves(joint: int, rate: float) -> tuple[Wave, Wave]:
 
 
 def _sum(terms: Sequence[str]) -> str:
-    """Write a sum as nested halves, so that parentheses nest only to the logarithm of its length."""
+    """Write a sum of n terms as nested halves, so that parentheses nest only log2 n deep."""
     half = len(terms) // 2
     return terms[0] if len(terms) == 1 else f"({_sum(terms[:half])}) + ({_sum(terms[half:])})"
 
@@ -293,9 +291,8 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return the covariance factor, m, and shares of `posterior_root` for a model's undeclared effects.
-
-    fitted: problem to which the model was fitted, at effects `theta`. other: problem of other measurements.
+    """Return the posterior covariance root, m, and shares of `posterior_root` for a model's undeclared effects. fitted:
+linear problem of the fit, at effects `theta`. other: linear problem of new measurements.
     """
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).posterior_root(other, model, fitted)
 
@@ -312,8 +309,8 @@ def _smooth(model: ErrorModel) -> Mask:
 def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     """Refit constants separately from undeclared effects, and add the undeclared effects to the model.
 
-    The fit is returned unchanged if a measurement is in an instrument's frame. The variance sigma² is the variance of
-    the noise plus the mean variance of the functions over the measurements.
+    The calibration is returned unchanged if a measured position is in an instrument's frame. The variance sigma² is the
+    variance of the noise plus the mean variance of the functions over the measurements.
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)
@@ -338,9 +335,9 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
 
 
 def _generalised(fitting: Fitting, known: UndeclaredCovariance, fit: Calibration) -> tuple[Fitted, Array]:
-    """Fit by generalised least squares from an ordinary fit; return the last values and the whitened residual.
+    """Fit all parameters by generalised least squares from an ordinary fit; return values and whitened residual.
 
-    The unknowns of the instruments are solved again at every step.
+    The unknowns of the instruments are solved for again at every least-squares step.
     """
     theta, placement = fit.theta, fit.placement
     for _ in range(PASSES):

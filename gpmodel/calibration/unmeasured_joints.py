@@ -2,7 +2,7 @@
 
 The unknown joint values are eliminated pose by pose (variable projection). A = U S Vᵀ are the weighted sensitivities
 of one pose's measurements to its unmeasured joints. Only the measurements along columns of U with a negligible singular
-value still inform the model; an error of the joint values explains any residual along the other columns. Source:
+value still inform the model. Errors of the joint values explain any residual along the other columns. Source:
 Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
 """
 
@@ -22,21 +22,21 @@ TRUNCATION = 1e-2
 joint directions the table's joint values are kept."""
 
 ELIMINATED = 1e-2
-"""Least share of a column that unmeasured joints do not absorb. A column with a smaller share is set to zero."""
+"""Least part of a column (parameter) that unmeasured joints do not absorb. Columns with a smaller part are set to 0."""
 
 ROUNDING = 1e-7
-"""Relative singular value below which a combination of parameters is rounding error: √ of double precision."""
+"""Relative singular value below which a combination of parameters is a rounding error: √ of double precision."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
-"""Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
+"""Default standard deviation of approximate joint values, rad and m, as if read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
 """Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this typical
 weight by the ratio of the residuals."""
 MAX_ITERATIONS = 20
-"""Largest number of steps for the joint values of a pose; three steps are usual."""
+"""Largest number of Gauss-Newton steps to solve the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
-"""Largest last step of the joint values, rad or m: less than a nanometre at the tool."""
+"""Change of the joint values, rad or m, at which iteration ends: less than a nanometre at the tool."""
 MINIMUM_POSES = 4
-"""Least number of points that determine a sphere."""
+"""Least number of measured points that determine a sphere."""
 
 
 def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
@@ -50,7 +50,7 @@ def prior_sigmas(mechanism: Mechanism) -> Array:
 
 
 def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
-    """Return the sensitivity of each pose's measurements to its unmeasured joints, through the drives of the joints."""
+    """Return the derivatives of each pose's measurements by its unmeasured joints, through the joints' drives."""
     free = free_joints(mechanism)
     out = np.zeros((len(observed.tip), observed.components, len(free)))
     for k, i in enumerate(free):
@@ -64,8 +64,8 @@ def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
 class Complement:
     """Directions of each pose's measurements that its unmeasured joints do not move.
 
-    turn: orthonormal matrix of each pose, which rotates its measured components.
-    keep: mask, by pose, of the rotated components that no unmeasured joint moves.
+    turn: orthonormal matrix of each pose that rotates its measured components.
+    keep: mask, by pose, of the rotated components that are insensitive to unmeasured joints.
     """
 
     turn: Array
@@ -78,8 +78,8 @@ class Complement:
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
-    """Return the directions that unmeasured joints do not move. columns: derivatives by these joints, weighted.
-    measured: mask of measured components; others are excluded."""
+    """Return the directions of measurements that unmeasured joints do not move. columns: weighted derivatives by
+    unmeasured joints. measured: mask of measured components."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
     blocks = np.concatenate([columns, np.eye(measured.shape[1]) * absent[:, :, None]], axis=2)
@@ -89,10 +89,10 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives by these joints.
+    """Eliminate the unmeasured joints of each pose from columns and residual. joints: their derivatives.
 
-    Returns columns, residual and the pose number of each row. A column that the joints absorb, up to a share
-    ELIMINATED, is exactly zero. NaN in the residual means not measured.
+    Returns columns, residual and the pose number of each row. A column of which the joints absorb all but ELIMINATED is
+    set to zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)
@@ -102,13 +102,13 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
 
 
 def without_eliminated(rows: Array, sizes: Array) -> Array:
-    """Return columns, set to zero where their norm is below ELIMINATED times `sizes`, the norms before elimination of
-    unmeasured joints."""
+    """Set columns to zero whose norm, after elimination of unmeasured joints, is below ELIMINATED times the norm
+    `sizes` before."""
     return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
-    """Project out of columns the combinations that unmeasured joints absorb in the nominal mechanism.
+    """Project out of columns the parameter combinations that unmeasured joints absorb in the nominal mechanism.
 
     nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
     absorbed combination is small but not zero, and a fit would fit noise with it. sizes: column norms before
@@ -123,9 +123,9 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """Return the poses with the values of unmeasured joints solved against the measurements.
 
-    Of the joint values q that fit the measurements of a pose best, the nearest to the table's are selected, in units σ
-    of `prior_sigmas`. The truncated Gauss-Newton step is σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ), with residual r
-    and singular value decomposition U S Vᵀ of the weighted derivatives by q / σ. Joint values in rows without a
+    Of the joint values q that fit the measurements of a pose best, those nearest to the table's are selected, in units
+    σ of `prior_sigmas`. The truncated Gauss-Newton step is σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ), with residual
+    r and singular value decomposition U S Vᵀ of the weighted derivatives by q / σ. Joint values in rows without a
     measurement are unchanged.
     """
     free = list(free_joints(model.mechanism))
@@ -160,7 +160,7 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
 def without_joint_motion(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
     """Remove from measurements, m, or columns the part that each pose's unmeasured joints explain.
 
-    The result is unchanged if every joint is measured. values: of all measured components, or of the first few.
+    The result is unchanged if every joint is measured. values: values of all measured components, or of the first few.
     """
     if not free_joints(mechanism):
         return values
@@ -172,13 +172,13 @@ def without_joint_motion(mechanism: Mechanism, observed: Observed, measured: Mas
 
 
 def check_points(dataset: Dataset) -> None:
-    """Raise InputError if free joints explain every measured point; the message names the table and what is needed."""
+    """Raise InputError if free joints explain every measured point; the message states the needed measurements."""
     if flaw := points_flaw(dataset):
         raise InputError(flaw)
 
 
 def points_flaw(dataset: Dataset) -> str | None:
-    """Return the reason why unmeasured joints explain every measured point; None if unmeasured joints do not."""
+    """Return the reason why unmeasured joints alone could explain every measured point, or None."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None
@@ -186,7 +186,7 @@ def points_flaw(dataset: Dataset) -> str | None:
 
 
 def sphere_flaw(points: Array, where: str) -> str | None:
-    """Return why points determine no sphere (fewer than 4, equal, or coplanar); None if they determine one."""
+    """Return the reason why points determine no sphere (fewer than 4, equal, or coplanar), or None."""
     expected = f"expected at least {MINIMUM_POSES} different points that are not all in one plane"
     if len(points) < MINIMUM_POSES:
         return f"{where}: {len(points)} measured poses; {expected}"

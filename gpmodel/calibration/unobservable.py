@@ -1,4 +1,4 @@
-"""Unobservable effects: effects that unmeasured joints absorb, and constants that stay at their nominal values."""
+"""Unobservable errors: effects that unmeasured joints absorb, and constants that stay at their nominal values."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ DRAWN = 400
 
 @dataclass(frozen=True)
 class Region:
-    """Measured region: the ball about the median of the measured points, with its middle and radius, m."""
+    """Measured region: a ball about the median of the measured points, with its middle and radius, m."""
 
     middle: Array
     radius: float
@@ -45,12 +45,12 @@ class Region:
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
     def holds(self, points: Array) -> Mask:
-        """Return a mask of the points, m, inside the ball."""
+        """Return a mask of the points, m, inside the ball of the measured region."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 
 def random_rows(mechanism: Mechanism, dataset: Dataset) -> Dataset:
-    """Return DRAWN random rows of a table without measurements, at random joint values within the limits."""
+    """Return DRAWN table rows at random joint values within the limits, without measurements."""
     rng = np.random.default_rng(0)
     rows = rng.integers(len(dataset), size=DRAWN)
     bare = replace(dataset, observations=(), in_order=False).subset(rows)
@@ -64,7 +64,7 @@ def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
 
 
 def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
-    """Return whether unmeasured joints absorb each effect's column at these poses; all False without such joints."""
+    """Return a mask of the effects whose displacements unmeasured joints absorb at all poses of a table."""
     if not free_joints(calibration.model.mechanism) or not effects:
         return (False,) * len(effects)
     problem = problem_at(calibration, poses)
@@ -92,9 +92,9 @@ def region_sentences(fit: Calibration, poses: Poses, *, searched: bool = False) 
     """Yield sentences on the expected error inside and outside the measured region, on undeclared effects, and on
     constants that the measurements do not determine.
 
-    Yields nothing if a measurement is in an instrument's frame. searched: whether the model is the result of a search
-    for effects. A constant counts as not determined if its standard error without priors, σ / (|c| share), is above
-    TOLERANCE, or if it is held because no measurement shows it.
+    Yields nothing if a measurement is in an instrument's frame. searched: True if missing effects were searched for. A
+    constant counts as not determined if its standard error without priors, σ / (|c| share), is above TOLERANCE, or if
+    no measurement is sensitive to the constant.
     """
     problem = problem_at(fit, poses)
     if not without_positions(problem) or not np.any(fit.free & nominal_constants(fit.model)):
@@ -152,7 +152,7 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
 
 
 def unobservable_sentences(kinds: tuple[Observation, ...]) -> Iterator[str]:
-    """Yield sentences on what the instruments cannot determine; none if positions are in an instrument's frame."""
+    """Yield sentences on parameters that the instruments cannot determine; none with positions in their frame."""
     read = [kind for kind in kinds if kind.readings.any()]
     if not without_frame(read):
         return

@@ -1,4 +1,4 @@
-"""Weigh a pixel or a degree relative to a metre by two fits; the second fit uses weights estimated by the first."""
+"""Weigh measured pixels or degrees relative to metres by two fits; the first estimates weights for the second."""
 
 from dataclasses import replace
 
@@ -19,9 +19,9 @@ from gpmodel.table.dataset import Readings
 
 
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
-    """Return the mechanism and its poses with the payload at the tool point, fitted with registration and tool alone.
+    """Attach the payload at the tool point, estimated by a fit of registration and tool alone.
 
-    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or the mechanism is built in Python.
+    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or it was built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
@@ -32,10 +32,10 @@ def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
 
 
 def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
-    """Return the mechanism with its lever extended to the tool point, fitted with registration and tool alone.
+    """Extend the last link's lever to the tool point, estimated by a fit of registration and tool alone.
 
-    Only a loaded mechanism with a lever changes; nominal frames do not change. The lever is the length that grows with
-    temperature.
+    Only a loaded mechanism with a lever changes; nominal frames do not change. The lever is the length that expands
+    with temperature.
     """
     if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
         return mechanism
@@ -48,17 +48,17 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 
 
 FITS = 2
-"""Number of fits; the second fit uses weights estimated by the first fit."""
+"""Number of fits that weigh measurements of different units; a fit uses weights estimated by the fit before."""
 TRUSTED = 0.95
-"""Share of the rows, with the smallest residuals, from which the noise is estimated. One row in twenty may be an
+"""Share of the measurements, with the smallest residuals, from which the noise is estimated. One in twenty may be an
 outlier."""
 
 
 def with_weights(mechanism: Mechanism, poses: Poses) -> Poses:
     """Return the poses with pixels and inclinations converted to metres.
 
-    If the table has lengths, the factors equalise the residuals of the standard model. Without lengths in the table, a
-    pixel counts as its size at the distance of the board, and a radian as one metre.
+    If the table has lengths, the factors of conversion equalise the residuals of the standard model. Without lengths in
+    the table, a pixel counts as its size at the distance of the board, and a radian as one metre.
     """
     dataset = poses.dataset
     if not any(isinstance(kind, Pixels | Inclination) for kind in dataset.observations):

@@ -1,1 +1,1 @@
-"""The catalogue of physical causes: candidate effects for a mechanism and the columns of its table."""
+"""The catalogue of physical causes of robot errors, as candidate effects for a mechanism and its measured table."""

@@ -27,7 +27,7 @@ LENGTH, ANGLE = 5e-5, 5e-5
 robot track (0.2 mm)."""
 
 WAVES = 4
-"""Number of half waves over the travel of a guideway: guideways bend and sag over a quarter of their length or more."""
+"""Number of half waves of an error over the travel of a guideway, which bends and sags over a quarter or more."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """Nominal leads of ball screws, mm (ISO 3408-2)."""
@@ -39,7 +39,7 @@ TURN = {"x": "A", "y": "B", "z": "C"}
 
 
 def prismatic(mechanism: Mechanism) -> list[Joint]:
-    """Return the prismatic joints of a mechanism."""
+    """Return the prismatic (linear) joints of a mechanism."""
     return [j for j in mechanism.joints if j.kind == "prismatic"]
 
 
@@ -86,7 +86,7 @@ def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> I
 
 
 def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a positioning error with each screw lead of ISO 3408-2 that fits into the travel three times as period."""
+    """Yield periodic positioning errors, with each screw lead of ISO 3408-2 up to a third of the travel as period."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         for lead in LEADS:
@@ -97,7 +97,7 @@ def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """Yield a positioning error of any period from SHORTEST to a third of the travel: screws, racks, scales."""
+    """Yield periodic positioning errors of screws, racks and scales, of any period up to a third of the travel."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         argument = f"{2e3 * np.pi:.8g}/{symbol()}*({j.name} - {start:.6g})"
@@ -110,19 +110,19 @@ def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
 
 CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
-"""Prior of the error curve of a joint: standard deviation of the sum of its harmonics, rad, and the number of the
-harmonic at which the prior falls off."""
+"""Prior standard deviation of a joint's angular error over its angle, rad, and the number of the harmonic from which
+the prior falls off."""
 
 SMOOTH = (10, 3.0)
-"""Number of harmonics of a smooth error curve, and the number of the harmonic at which their prior falls off. Eccentric
-and bent gears cause the first few harmonics."""
+"""Number of harmonics of a smooth error over an angle, and the number of the harmonic from which the prior falls off.
+Eccentric and bent gears cause the first few harmonics."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """Prior tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992,
 ch. 8)."""
 
 LOBES = (2, 3, 4)
-"""Numbers of lobes of a ball: three, as from centreless grinding, and the neighbouring numbers."""
+"""Numbers of lobes of a ball's roundness error: three, as from centreless grinding, and two and four."""
 
 Curve = tuple[Effect, ...]
 
@@ -141,7 +141,7 @@ def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 @cache
 def wave(function: str, number: int, angle: str) -> Expression:
-    """Return the expression of one harmonic, such as sin(3*J2)."""
+    """Return one harmonic of an angle as an expression, such as sin(3*J2)."""
     return Expression(f"{function}({angle})" if number == 1 else f"{function}({number}*{angle})")
 
 
@@ -153,7 +153,7 @@ def spectrum(count: int, corner: float) -> Array:
 
 
 def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
-    """Return effects sin(k angle) and cos(k angle) at a site. deviations: prior of each harmonic k from 1, rad or m."""
+    """Return effects sin(k angle) and cos(k angle) at a site. deviations: prior σ for k = 1, 2, ..., rad or m."""
     plain = [
         (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
         for k, s in enumerate(deviations, 1)
@@ -163,9 +163,8 @@ def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array)
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error curve of each joint, and one candidate of smooth curves of all joints together.
-
-    The candidate of all joints detects curves that are too weak to be detected one by one.
+    """Yield the angular error of each joint as a smooth function of its angle, and one candidate of all joints
+together. The candidate of all joints detects errors that are too weak to be detected one by one.
     """
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)
@@ -200,7 +199,7 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the play of each drive by the side of approach, ±1, for each table column `approach...`.
 
-    The joint that the column is named after has the lower price.
+    The joint named in the column has the lower penalty.
     """
     for column in states.columns:
         if column.startswith("approach"):
@@ -232,7 +231,7 @@ def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error of a joint that a parallel bar also drives, one period per turn of the driving joint, rad."""
+    """Yield the error of a joint driven through a parallel bar, one period per turn of the driving joint, rad."""
     own = {f"{joint.name}.moving": joint for joint in mechanism.joints}
     for j in mechanism.joints:
         for other in (own[slot] for slot, _, _ in j.drive[1:] if slot in own):
@@ -248,7 +247,7 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the shift of each revolute joint along each axis, one period per turn, m; for an unmeasured joint also two.
+    """Yield the shift of each revolute joint along each axis, m, with one period per turn (unmeasured: also two).
 
     Each ball joint of a machine shifts along its leg, one period per turn of each of its angles.
     """
@@ -275,7 +274,7 @@ def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: float) -> Candidate:
-    """Return the candidate of sin(number · angle) and cos(number · angle) at a site."""
+    """Return one candidate effect of sin(number · angle) and cos(number · angle) at a site (frame and axis)."""
     effects = tuple(
         site.effect(f"{name}, {f}", wave(f, number, angle), axis_unit(site.axis), family) for f in ("sin", "cos")
     )
@@ -283,8 +282,8 @@ def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: f
 
 
 def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:
-    """Yield each angle of each ball joint of a machine, the direction of its leg in words and as a site, and the log of
-    the number of balls."""
+    """Yield each angle of each ball joint of a parallel machine, the direction of the joint's leg as text and as a
+    site, and the log of the number of balls."""
     balls = [ball for ball in balls_of(mechanism) if ball.name]
     for ball in balls:
         said, shift = ball.along

@@ -1,4 +1,4 @@
-"""Read names of effects as written on a command line."""
+"""Read the names of error effects as written on a command line."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from gpmodel.model.sites import in_mechanism_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
-"""Largest number of instances that the name of a family may select, and largest number that a message lists."""
+"""Largest number of effects that the name of a catalogue family may select, and that a message lists."""
 
 
 def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
     """Return the effects of a catalogue name, of a whole family, or of a formula `slot:axis:expression`.
 
-    `gear_harmonic J4` is one instance of a family; `gear_harmonic` is all instances if there are at most
+    `gear_harmonic J4` selects one effect of a family; `gear_harmonic` selects the effects of all joints, at most
     MOST_INSTANCES. Raises InputError for an unknown name, slot (frame), axis or input, or if the effect is not finite
     at some pose.
     """
@@ -52,9 +52,9 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Return the effects of a single instance of a family: one effect, or a sine and its cosine.
+    """Return the effects that a name selects at one site: one effect, or a sine and its cosine.
 
-    Raises InputError in the cases of `effects_named`, and for a family of several instances.
+    Raises InputError in the cases of `effects_named`, and for a name of effects at several sites.
     """
     instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:

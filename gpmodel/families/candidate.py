@@ -1,4 +1,4 @@
-"""Define candidates: effects that the model may lack and that enter the model together; and common forms of them."""
+"""Define candidates: groups of effects that the error model may lack and that enter it together."""
 
 import math
 from collections.abc import Iterable
@@ -17,12 +17,12 @@ from gpmodel.model.states import States
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
 """Largest load that counts as rounding error, N·m or N; and least share of the largest load of equal unit that is not
-negligible. Under a smaller load a joint would have to be ten thousand times as soft as the other joints, and at other
+negligible. Under a smaller load a joint would need ten thousand times the compliance of other joints, and at other
 poses the load may be a hundred times as large.
 """
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
-"""Temperature at which dimensions are stated (ISO 1), by the unit of the column."""
+"""Reference temperature of dimensions (ISO 1), by the unit of a temperature column."""
 
 Kind = Literal["single", "harmonic", "vector", "curve"]
 
@@ -31,7 +31,7 @@ FORMULA, FORMULA_OF_PROGRAM = "formula", "formula of a program"
 BRED = tuple(f"formula of generation {g}" for g in range(1, 10))
 SEQUENCE, TREE = "sequence", "tree"
 """Values of `found_by`, the origin of a candidate: the catalogue; the user; a smooth term without a formula; a formula
-that replaces a smooth term or effect; a formula that replaces an evolved program; a formula bred from formulas, by its
+that replaces a smooth term or effect; a formula that replaces an evolved program; a formula made by crossover, by its
 generation; genetic programming, by its representation.
 """
 
@@ -40,18 +40,18 @@ FORMULAS = FORMULA, FORMULA_OF_PROGRAM, *BRED
 
 
 def maker_of(representation: str) -> str:
-    """Return the origin `found_by` of a candidate from its program's representation, "linear" or "tree"."""
+    """Return the origin of an evolved candidate from the representation of its program, "linear" or "tree"."""
     return {"linear": SEQUENCE}.get(representation, representation)
 
 
 def is_program(found_by: str) -> bool:
-    """Return whether genetic programming made a candidate, in any representation. found_by: origin of the candidate."""
+    """Return whether genetic programming generated a candidate. found_by: origin of the candidate."""
     return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, *FORMULAS}
 
 
 def formula_of(makers: Iterable[str], generation: int = 0) -> str:
-    """Return the origin `found_by` of a formula that replaces candidates of the given origins. generation: generation
-    of the formula, 0 if the formula is not bred."""
+    """Return the origin of a formula that replaces candidates of the given origins. generation: number of generations
+    of crossover and mutation, 0 for an enumerated formula."""
     if generation:
         return BRED[generation - 1]
     unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED}
@@ -67,12 +67,12 @@ def without_phase(name: str) -> str:
 class Candidate:
     """One error that the model may lack: effects that enter the model together, each with its own coefficient.
 
-    family: name of the candidate's family, empty without a family.
-    cost: price of the candidate's description, nats: the log of the number of alternatives.
+    family: name of the candidate's catalogue family, or empty.
+    cost: penalty of the candidate's description, nats: the log of the number of alternatives.
     found_by: origin of the candidate, such as the catalogue or genetic programming.
-    explanation: physical cause of the candidate and its source, as the family states them.
-    inner: constants inside the basis functions of the candidate, None if there are none.
-    believed: whether the prior standard deviations come from a specification, so that no larger ones are tried.
+    explanation: physical cause of the candidate and its source in the literature.
+    inner: nonlinear constants inside the candidate's basis functions, or None.
+    believed: whether the prior standard deviations come from a specification, so that larger values are not tried.
     """
 
     name: str
@@ -91,28 +91,28 @@ class Candidate:
             raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
-        """Return the candidate with other constants in its basis functions, and with effects that have no priors."""
+        """Return the candidate with other constants in its basis functions, and without priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
         return replace(self, name=inner.full_name, effects=effects, inner=inner)
 
     @property
     def has_priors(self) -> bool:
-        """True if the effects have priors. Either all effects of a candidate have priors, or none has."""
+        """True if all effects of the candidate have priors, False if none has."""
         return bool(np.isfinite(self.effects[0].prior))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of the candidate's basis functions, in the order of first use."""
+        """Names of the inputs (columns) of the candidate's basis functions, in the order of first use."""
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.inputs))
 
     @property
     def place(self) -> Term:
-        """First term of the first effect; its slot (frame), axis and basis function represent the candidate."""
+        """First term of the candidate's first effect, whose frame, axis and basis function represent the candidate."""
         return self.effects[0].terms[0]
 
     @property
     def unit(self) -> str:
-        """Unit of the amplitude: rad or m of the motion by a curve, otherwise the unit of the first coefficient."""
+        """Unit of the candidate's amplitude: rad or m for a smooth function, else that of the first coefficient."""
         return axis_unit(self.place.axis) if self.kind == "curve" else self.effects[0].unit
 
     @property
@@ -165,17 +165,17 @@ class Candidate:
 
 
 def inside(inner: NonlinearParameters, family: str, cost: float) -> Candidate:
-    """Return the candidate of a template (symbols in place of constants) with the values of the constants."""
+    """Return the candidate of a template, in which the values of the constants replace the symbols."""
     return Candidate(inner.full_name, inner.effects, family, cost, inner=inner)
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:
-    """Return the candidate of one effect, in the family of the effect."""
+    """Return a candidate that consists of one effect, in the family of the effect."""
     return Candidate(name, (effect,), effect.family, cost)
 
 
 def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior: float = math.inf) -> Candidate:
-    """Return a harmonic on the drive of a joint: sine and cosine of `argument`, rad. prior: standard deviation of each
+    """Return a candidate on the drive of a joint: sine and cosine of `argument`, rad. prior: standard deviation of each
     coefficient, rad or m."""
     effects = tuple(
         drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
@@ -191,7 +191,7 @@ def share_of_rows(states: States) -> str:
 
 
 def relative(states: States, column: str, unit: str) -> str:
-    """Write a column relative to a reference value. The constants of a model describe the mechanism at the reference.
+    """Write a column relative to a reference value, at which the geometric constants of a model describe the mechanism.
 
     The reference is 20 °C for temperatures (ISO 1). For other columns the reference is the measured value nearest to
     zero: zero itself, or the start of a clock.
@@ -215,10 +215,10 @@ def across(joint: Joint) -> tuple[str, str]:
 
 
 def loaded(states: States, load: str) -> bool:
-    """Return whether a load's column exceeds rounding and a negligible share of other loads; True in another unit.
+    """Return whether a load exceeds rounding error and a negligible share of other loads; True if not in N or N·m.
 
-    A load is negligible if the axis passes through the centre of mass, or if the wrist hangs down. Without a column the
-    result is False.
+    A load is negligible if the axis passes through the centre of mass, or if the wrist hangs down. A load without a
+    column is negligible.
     """
 
     def most(name: str) -> float:

@@ -1,6 +1,6 @@
-"""The catalogue of known physical effects. One row of the catalogue is a family; a new effect needs one line.
+"""The catalogue of known physical effects. Each row of the catalogue is a family, such as `joint_compliance`.
 
-Each family has a published mechanism or a recorded discovery.
+Each family of the catalogue cites a publication of its physics, or a recorded discovery.
 """
 
 import warnings
@@ -34,12 +34,12 @@ class Family:
     name: one word, as written on a command line.
     explanation: physical mechanism of the effect.
     source: publication that describes the effect.
-    build: function that yields each instance for a mechanism and the columns of a table.
-    grids: function that yields harmonics of the effect at any frequency of a range, for a search.
-    offered: function that yields the instances for a search, None if `build` yields them.
-    generic: whether the family describes the form of an error and names no part; only a search uses such a family.
-    clamped: whether the effect's value is kept constant well beyond the fitted ranges.
-    refit_constants: whether constants in the basis functions were selected from many and are refined in the last fit.
+    build: function that yields the candidate effects for a mechanism and the columns of a table.
+    grids: function that yields harmonics of the effect at any frequency of a range, for the search.
+    offered: function that yields the candidates for a search, None if `build` yields them.
+    generic: whether the family describes the form of an error without its cause; only the search uses a generic family.
+    clamped: whether predictions hold the effect constant well beyond the fitted ranges of its inputs.
+    refit_constants: whether the last fit refines constants in the basis functions, which were selected from a grid.
     yields: whether the effect is a compliance of a part without a drive, so that its coefficient is positive.
     wanders: whether the effect is a random motion during the session, which no formula predicts after the session.
     """
@@ -62,9 +62,9 @@ class Family:
 
 
 def installed() -> tuple[Family, ...]:
-    """Return the families of all installed providers: entry points of the group `gpmodel.families`.
+    """Return the families of all installed plug-in packages: entry points of the group `gpmodel.families`.
 
-    An entry point is one Family or a list of families. A provider that cannot be loaded is skipped with a warning.
+    An entry point is one Family or a list of families. A plug-in that cannot be loaded is skipped with a warning.
     """
     found: list[Family] = []
     for provider in sorted(entry_points(group=PROVIDERS), key=lambda e: e.name):
@@ -81,12 +81,12 @@ def installed() -> tuple[Family, ...]:
 Offer = Family | Candidate | Effect
 
 PLAIN_COST = 4.0
-"""Price of an effect without a stated price, nats: the price of the simplest families. exp(4) = 55 is about the number
+"""Default penalty of an effect in the selection, nats: that of the simplest families. exp(4) = 55 is about the number
 of sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
-    """Return families, candidates and effects as a tuple. Raises InputError for another type, or equal names."""
+    """Check families, candidates and effects of the user, and return them as a tuple."""
     kept: dict[str, Offer] = {}
     for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):
@@ -102,7 +102,7 @@ def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
 def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
     """Yield the candidates of a family, candidate or effect on a mechanism, with the explanation of the family.
 
-    search: whether to yield the instances for a search, if the family has separate instances for a search.
+    search: whether to yield the candidates that the family reserves for a search, if any.
     """
     match offer:
         case Candidate():
@@ -185,14 +185,14 @@ _OWN: tuple[Family, ...] = (
 )  # fmt: skip
 
 catalogue: tuple[Family, ...] = (*_OWN, *installed())
-"""The families of this package, then the families of every installed provider."""
+"""The catalogue: families of effects in this package, then those of installed plug-ins."""
 
 
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
     """Return the candidates of all families that name a cause, for a mechanism and the columns of its table.
 
-    offers: families, candidates and single effects. Raises InputError for another type, or if two offers or two
-    candidates have one name.
+    offers: families, candidates and single effects. Raises InputError for another type, or if two of them have one
+    name.
     """
     named = (offer for offer in distinct(offers) if not (isinstance(offer, Family) and offer.generic))
     found = tuple(c for offer in named for c in instances(offer, mechanism, states))
@@ -221,11 +221,11 @@ def explained(name: str) -> str:
 
 
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Return the effects of a name as on a command line: `family`, `family JOINT`, or the full name of a candidate or
+    """Return the effects with a name as on a command line: `family`, `family JOINT`, or the full name of a candidate or
     effect.
 
-    Raises InputError for an unknown name, for a family without an instance on this mechanism and table, or if words
-    without a joint fit instances at several sites. The family with which the name begins is searched first.
+    Raises InputError for an unknown name, for a family without an effect on this mechanism and table, or if words
+    without a joint fit effects at several sites. The family with which the name begins is searched first.
     """
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
@@ -248,7 +248,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
-    """Return all instances of the family with a given name; empty for an unknown name or a generic family."""
+    """Return all candidates of the family with a given name; none for an unknown name or a generic family."""
     return candidates(mechanism, states, [f for f in catalogue if f.name == name])
 
 
@@ -258,7 +258,7 @@ def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
 
 
 def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
-    """Return the effects of a name with other constants than the candidates have, as `discover` prints names."""
+    """Return the effects of a printed name, whose constants may differ from those of the catalogue's candidates."""
     rates = (grid for f in catalogue for grid in f.grids(mechanism, states))
     known = [*(c.inner for c in pool if c.inner), *(i for g in rates if (i := g.at(float(g.rates[0])).inner))]
     for inner in {own.name: own for own in known}.values():
@@ -268,5 +268,5 @@ def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Seque
 
 
 def _words(text: str) -> list[str]:
-    """Return the words of a candidate's name."""
+    """Split the name of a candidate effect into words."""
     return text.replace(",", " ").replace("(", " ").replace(")", " ").split()

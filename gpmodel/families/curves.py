@@ -1,4 +1,4 @@
-"""Families that describe the form of an error and no cause: curves over an angle, the rows, a load or a column."""
+"""Families that describe the form of an error without a cause: smooth functions of an angle, row, load or column."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,14 +14,14 @@ from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
 FOLLOWING = (3, 1.5)
-"""Number of harmonics of an error curve over the angle of another joint, and the number of the harmonic at which the
-prior falls off. An error curve over the angle of another joint is smoother than the error curve of a gear."""
+"""Number of harmonics of an error that depends on another joint's angle, and the harmonic from which the prior falls
+off. An error over the angle of another joint is smoother than the error of a gear."""
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:
-    """Return as many further harmonics as a fine error curve has, with prior standard deviations falling as k^-1.5.
+    """Return further harmonics for a detailed angular error, with prior standard deviations falling as k^-1.5.
 
-    k is the number of the harmonic. The result is empty for a candidate that is no fine error curve.
+    k is the number of the harmonic. Only a detailed angular error gets further harmonics.
     """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
@@ -39,15 +39,14 @@ def continued(curve: Candidate) -> tuple[Effect, ...]:
 
 
 def richest(count: int) -> tuple[int, float] | None:
-    """Return the number of harmonics of the finest curve that `count` poses determine, and the corner of its prior.
-
-    The prior of the harmonics falls off from the corner on. With fewer than 100 poses the result is None.
+    """Return the number of harmonics that `count` poses determine, and the harmonic from which their prior falls off.
+With fewer than 100 poses the result is None.
     """
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 
 
 def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a smooth and a fine error curve over the angle of each revolute joint, on its drive."""
+    """Yield a smooth and a detailed error of each revolute joint's drive as functions of its angle."""
     fine = richest(len(states))
     for j in revolute(mechanism):
         drive = Site(j.drive)
@@ -59,7 +58,7 @@ def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield an error at each site over the angle of another joint (three harmonics), or in proportion to a column."""
+    """Yield an error at each site: three harmonics of another joint's angle, or in proportion to a column."""
     joints = revolute(mechanism)
     for site in sites_of(mechanism):
         for j in joints:
@@ -72,7 +71,7 @@ def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a slow wander of the set-up along the rows, as a sum of cosines of mean zero."""
+    """Yield a slow drift of the robot's base over the rows of the table, as a sum of cosines of mean zero."""
     waves = [Expression(f"cos({3.14159265 * k:.8f}*{share_of_rows(states)})") for k in range(1, 7)]
     fall = spectrum(6, 1.0)
     for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
@@ -86,7 +85,7 @@ def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a linear drift along the rows at each site."""
+    """Yield a linear drift over the rows of the table at each site (frame and axis)."""
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
         yield one(name, site.effect(name, Expression("row"), axis_unit(site.axis, "row"), "session_curve"), 6.0)

@@ -1,4 +1,4 @@
-"""Harmonics of a joint at any frequency of a range, and the families with such harmonics: ripple, mesh compliance."""
+"""Sinusoidal errors of a joint at any frequency of a range: transmission ripple and gear mesh compliance."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,20 +14,20 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.states import States
 
 CLOSER = 4
-"""Number of frequencies of a grid per 2π over the travel. Between two frequencies the gain falls by at most 5 %, 1 -
-sinc²(1/8)."""
+"""Number of trial frequencies per 2π over the travel of a joint. Between two trial frequencies the explained variance
+falls by at most 5 %, 1 - sinc²(1/8)."""
 
 
 @dataclass(frozen=True)
 class FrequencyGrid:
     """Harmonics sin and cos of rate · (q - start) of a joint coordinate q on the joint's drive, for a grid of rates.
 
-    template: harmonic as a candidate, with a symbol for the number in its name. The price of the candidate is that of a
-    named effect plus the log of the number of rates that the poses resolve.
+    template: harmonic as a candidate, with a symbol for the number in its name. The penalty of the candidate is that of
+    a named effect plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
     rates: equally spaced rates, rad of the argument per rad or metre of the coordinate.
-    value: function from a rate to the number in the name, which also converts back.
-    load: column of the load that multiplies the harmonic, empty if none. called: meaning and unit of the number.
+    value: function from a rate to the number in the name, and its inverse.
+    load: column of the load that multiplies the harmonic, empty if none. called: unit of the number.
     """
 
     template: Candidate
@@ -44,7 +44,7 @@ class FrequencyGrid:
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
-        """Return the harmonic at a rate as a candidate, with the number in its name rounded to `digits` digits."""
+        """Return the candidate harmonic at a given rate, with the number in its name rounded to `digits` digits."""
         value = float(f"{self.value(rate):.{digits}g}")
         inner = NonlinearParameters(self.template.name, self.template.effects, (Constant(*self.called, value),))
         return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)
@@ -58,7 +58,7 @@ def frequency_grid(
     value: Callable[[float], float],
     load: str = "",
 ) -> FrequencyGrid | None:
-    """Return the grid of a harmonic `wave` with a symbol, over rates from span[0] to span[1], rad per rad or metre.
+    """Return a grid of frequencies for a harmonic `wave` with a symbol, from span[0] to span[1], rad per rad or metre.
 
     The result is None if the travel is too short to resolve two rates of the range.
 
@@ -75,10 +75,10 @@ def frequency_grid(
 
 
 NAMED, HIGHEST = range(3, 13), 400
-"""Numbers of ripples per turn that the catalogue names; and the largest number per turn, whole or not, that is
-searched: twice the ratio of the slowest strain-wave gears."""
+"""Numbers of ripples per turn that the catalogue names; and the largest searched number per turn, whole or not: twice
+the ratio of the slowest strain-wave gears."""
 COST = 4.0
-"""Price of an effect with a name, nats."""
+"""Penalty in the selection of an effect that the catalogue names, nats."""
 
 
 def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -115,7 +115,7 @@ def _loaded(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]
 
 
 def _ripple(family: str, j: Joint, number: object, cost: float, load: str = "") -> Candidate:
-    """Return the sine and cosine of `number` periods per turn of a joint as a candidate. load: factor, a column."""
+    """Return a candidate of sine and cosine of `number` periods per turn of a joint. load: column that multiplies."""
     name = f"{family.replace('_', ' ')}, {number} per turn, {j.name}"
     times, unit = (f"{load}*", "rad/Nm") if load else ("", "rad")
     waves = {f: Expression(f"{times}{f}({number}*{j.name})") for f in ("sin", "cos")}

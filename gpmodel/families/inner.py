@@ -1,6 +1,5 @@
-"""Constants inside the basis functions of a candidate: a frequency, a time constant, a width, a row.
-
-A template is the candidate with a symbol in the place of each constant.
+"""Nonlinear constants in the basis functions of a candidate: a frequency, a time constant, a width, a row. A template
+is the candidate with a symbol in the place of each nonlinear constant.
 """
 
 import re
@@ -16,7 +15,7 @@ from gpmodel.model.memory import constant_of, word
 
 SYMBOL = "CONSTANT"
 NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
-"""Pattern of a constant's value in a name."""
+"""Pattern of a number (the value of a constant) in the name of an effect."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +24,11 @@ class Constant:
 
     name: meaning of the constant, such as "time constant".
     unit: unit of `value`.
-    step: distance from `value` to the next value of the grid, 0 if the grid is as fine as the poses resolve.
-    whole: whether the constant is the last row before an event; the basis functions use the middle between that row and
-    the next.
+    step: distance from `value` to the next value of its grid, 0 if the grid is as fine as the poses resolve.
+    whole: whether the constant is the last row before an event; the basis functions use the middle between the row
+    before and the row after the event.
     rows: first and last row of the 95 % interval of an event, None if unknown.
-    number: number of the constant's symbol in the template. least: lower bound of the fitted value.
+    number: number of the constant's symbol in the template. least: lower bound of the constant.
     """
 
     name: str
@@ -49,7 +48,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class FittedConstant:
-    """A constant inside a finding, fitted to all poses.
+    """A nonlinear constant in the basis function of an accepted effect, fitted to all poses.
 
     name: meaning of the constant, empty for a constant of an evolved formula.
     stderr: standard error of `value`, None for the row of an event.
@@ -66,7 +65,7 @@ class FittedConstant:
 
 @dataclass(frozen=True)
 class NonlinearParameters:
-    """The constants inside a candidate, and its name and effects with symbols in the place of the constants."""
+    """The nonlinear constants of a candidate, and its name and effects with symbols for the constants."""
 
     name: str
     template: tuple[Effect, ...]
@@ -74,7 +73,7 @@ class NonlinearParameters:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """Values of the constants inside the candidate."""
+        """Values of the nonlinear constants in the candidate's basis functions."""
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
@@ -92,11 +91,11 @@ class NonlinearParameters:
 
     @property
     def full_name(self) -> str:
-        """Name of the candidate with the values of the constants in the name."""
+        """Name of the candidate, in which the values of its constants replace the symbols."""
         return self._substituted(self.name)
 
     def read(self, name: str) -> tuple[float, ...] | None:
-        """Return the values of the constants in a full name of the candidate; None if the name belongs to another
+        """Read the values of the constants from a full name of the candidate; None if the name belongs to another
         candidate or lacks a constant."""
         pattern = re.escape(self.name)
         for constant in self.constants:
@@ -121,7 +120,7 @@ class NonlinearParameters:
         )
 
     def _substituted(self, text: str, between: bool = False) -> str:
-        """Replace the symbols in a text by values. between: write the row of an event as the middle to the next row."""
+        """Replace the symbols in a text by values. between: whether to write the row before an event plus a half."""
         constants = {c.symbol: c for c in self.constants}
 
         def written(found: re.Match[str]) -> str:
@@ -144,14 +143,14 @@ def symbol(number: int = 0) -> str:
 
 
 def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> Iterator[Constant]:
-    """Yield a constant at `count` values in constant ratio over the range `span`, rounded to three digits."""
+    """Yield `count` trial values of a constant in geometric progression over `span`, rounded to three digits."""
     ratio = (span[1] / span[0]) ** (1.0 / (count - 1))
     for value in np.geomspace(*span, count):
         yield Constant(name, unit, float(f"{value:.3g}"), float(value * (ratio - 1.0)))
 
 
 def law_name(effects: Sequence[Effect]) -> str:
-    """Return a name for an unnamed formula from its effects at one site, as `f and g on slot axis`."""
+    """Return a name for a formula from its effects at one site, as `f and g on slot axis`."""
     place = effects[0].terms[0]
     return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
 
@@ -168,14 +167,12 @@ def _reads(text: str, symbol: str) -> bool:
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
-"""Name of the constant of each kind of column with memory (lag, play, stop)."""
+"""Meaning of the constant of each column that depends on earlier poses (lag, play, stop)."""
 
 
 def lag_constants(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
-    """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, with their
-    template.
-
-    The result is None if no effect depends on a column with memory.
+    """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, and the
+    template. Without columns with memory (columns that depend on earlier poses) the result is None.
 
     name: name of the candidate.
     unit: function from the kind of memory (lag, play, stop) and the source column to the unit of the constant.
@@ -197,5 +194,5 @@ def _term(term: Term, symbols: Mapping[str, str]) -> Term:
 
 
 def _replaced(text: str, symbols: Mapping[str, str]) -> str:
-    """Replace whole words of a text by symbols."""
+    """Replace the given whole words of a text by symbols of constants."""
     return re.sub(r"\w+", lambda match: symbols.get(match[0], match[0]), text)

@@ -5,8 +5,8 @@ a, -cos a, 0) an elevation error, and a shift along (cos e cos a, cos e sin a, s
 about z is part of the registration.
 
 If the specification of the instrument is known, the prior standard deviation of each error is the specified limit at
-the distances of the table. An error larger than specified is a separate candidate, at the price of an instrument out of
-order. A random walk along the rows is a motion of the stand of the instrument, which no specification covers.
+the distances of the table. An error larger than specified is a separate candidate, with the penalty of a defective
+instrument. A random walk along the rows is a motion of the stand of the instrument, which no specification covers.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,28 +27,28 @@ ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 15 µm + 6 µm/m, since an instrument with an error is out of order."""
 
 OUT_OF_ORDER = float(np.log(1000.0))
-"""Price of an instrument error beyond the specification, nats. Yearly verification to ISO 10360-10 leaves about one
-instrument in a thousand out of order without the knowledge of its user."""
+"""Penalty of an instrument error beyond the specification, nats. With yearly verification to ISO 10360-10, about one
+instrument in a thousand is out of order without the knowledge of its user."""
 
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
 DEGREE = 3
-"""Degree of the smooth error field over the measured volume: a bend and an S shape along each direction."""
+"""Polynomial degree of the instrument's smooth error over the measured volume: a bend and an S shape per direction."""
 
 FINE, FINE_POSES = 5, 200
-"""Largest number of half waves, over all directions together, of a detailed error field; and the least number of poses
-for a detailed field."""
+"""Largest number of half waves, over all directions together, of the instrument's detailed error over the measured
+volume; and the least number of poses for the detailed error."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 """Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
 elevation, rad. The origin of a table in the robot's frame is inside the robot."""
 
 WAVES = 8
-"""Number of sine waves of a random walk along the rows. The eighth wave has 1/225 of the variance of the first."""
+"""Number of sine waves of a random walk over the rows of a table. The eighth wave has 1/225 of the first's variance."""
 
 FINE_WAVES = 32
-"""Number of sine waves of a detailed random walk. Eight waves leave a fortieth of the walk's variance, which a step
-could explain."""
+"""Number of sine waves of a detailed random walk over the rows. Eight waves leave a fortieth of the walk's variance,
+which a step could explain."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _sizes(seen: Seen) -> _Sizes:
 
 
 def _polar(states: States) -> Seen | None:
-    """Return the measured points if an instrument of angles and a distance can stand at the origin of their frame."""
+    """Return the measured points if an instrument of angles and distance can be at their origin, else None."""
     seen = states.seen
     if seen is None or np.min(seen.columns[R]) < NEAREST or np.max(np.abs(seen.columns[E])) > STEEPEST:
         return None
@@ -83,7 +83,7 @@ def _polar(states: States) -> Seen | None:
 def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
     """Extend a family of instrument errors by errors beyond the specification, at the price OUT_OF_ORDER.
 
-    Without a specification every candidate of the family has the price of an instrument out of order.
+    Without a specification every candidate of the family has the penalty of a defective instrument.
     """
 
     def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -98,7 +98,7 @@ def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Call
 
 
 def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:
-    """Return an effect that shifts the measured point along the beam."""
+    """Return an instrument error that shifts the measured point along the beam of the tracker."""
     ways = {"Tx": f"cos({E})*cos({A})", "Ty": f"cos({E})*sin({A})", "Tz": f"sin({E})"}
     terms = tuple(Term(INSTRUMENT, axis, Expression(f"{factor}*{way}")) for axis, way in ways.items())
     return Effect(name, terms, unit, family, prior)
@@ -229,7 +229,7 @@ def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) ->
 
 
 def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the random walks for a search: one of few waves, and one of so many that no step remains unexplained."""
+    """Yield two random walks for a search: a sum of few waves, and a sum of so many waves that it represents steps."""
     yield from instrument_walk(mechanism, states)
     waves = min(FINE_WAVES, len(states) // 4)
     for fine in instrument_walk(mechanism, states, waves) if waves > WAVES else ():

@@ -1,4 +1,4 @@
-"""Families of effects that follow the loads: bending, twist, tilt and sag, under known or unknown weights."""
+"""Families of effects that are proportional to loads: bending, twist, tilt and sag, under known or unknown weights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -57,7 +57,7 @@ def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the play of each drive, on the side to which the load pushes: the sign of the torque."""
+    """Yield the play (backlash) of each drive, on the side to which the load pushes: the sign of the torque."""
     for j in mechanism.joints:
         if loaded(states, f"torque_{j.name}"):
             basis = Expression(f"sign(torque_{j.name})")
@@ -66,14 +66,14 @@ def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error of the spring that balances the second revolute joint: sin q of its angle q."""
+    """Yield the joint error by the spring that balances the second revolute joint, sin q of the joint angle q."""
     for j in revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
         yield one(effect.name, effect, 4.5)
 
 
 def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error of a stiffness that grows with the load: the cube of the torque over the largest torque."""
+    """Yield the joint error by a stiffness that grows with the load: the cube of torque over largest torque."""
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -97,7 +97,7 @@ def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the shift of the support along gravity, as one effect and along each axis alone.
+    """Yield the shift of the robot's support along gravity, as one effect and along each axis alone.
 
     Each ball joint of a machine shifts along its leg in proportion to the load at the ball, m/N.
     """
@@ -120,12 +120,12 @@ N·m (Dumas 2011)."""
 
 
 SECOND = 5.0
-"""Additional price of wrong masses over that of a compliance, nats. Wrong masses are a second finding, and pay the
-least gain of a finding."""
+"""Additional penalty of wrong masses over that of a compliance, nats: the least gain of a finding, because wrong masses
+are a second finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the deflection of each joint under unit moments of mass of every link beyond the joint."""
+    """Yield the deflection of each joint under unit first moments (mass times lever) of every link beyond the joint."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         moments = [n for n in _unit_loads(states) if n.startswith(prefix) and n.endswith(("_x", "_y", "_z"))]
@@ -138,9 +138,9 @@ def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the tilt of the base about x and y under unit moments of mass of every link.
+    """Yield the tilt of the base about x and y under unit first moments (mass times lever) of every link.
 
-    Each moment of mass has one coefficient for both axes, since the base is assumed equally stiff about both axes.
+    Each first moment has one coefficient for both axes, since the base is assumed equally stiff about x and y.
     """
     loads, prefix = _unit_loads(states), "moment_base_x_of_"
     moments = [n for n in loads if n.startswith(prefix) and n.replace("moment_base_x", "moment_base_y") in loads]
@@ -160,7 +160,7 @@ def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candid
 
 
 def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the deflection of each joint under the weight of each link beyond, with one coefficient per link."""
+    """Yield the deflection of each joint under the weight of each link beyond it, with one coefficient per link."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         parts = [n for n in _unit_loads(states) if n.startswith(prefix) and not n.endswith(("_x", "_y", "_z"))]
@@ -177,7 +177,7 @@ def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 NEGLIGIBLE = 1e-9
-"""Lever of a mass, m, below which the lever is a rounding error."""
+"""Lever arm of a mass, m, below which the arm is a rounding error."""
 
 
 def _weighted(load: str, parts: Mapping[str, float]) -> str:
@@ -191,7 +191,7 @@ def _mass(mechanism: Mechanism, com: Array | None) -> Mapping[str, float]:
     """Return the unit loads, with weights, of a mass of 1 kg at the tool: first moments of mass, one per link.
 
     Each first moment is the mass times the lever to the next link. com: centre of the mass in the measured frame, m;
-    None for that of the payload.
+    None for the centre of the payload.
     """
     bare = unwrapped(mechanism)
     if not isinstance(bare, KnownMasses) or not all(j.kind == "revolute" for j in bare.joints):
@@ -210,16 +210,16 @@ def _mass(mechanism: Mechanism, com: Array | None) -> Mapping[str, float]:
 
 
 MASS = "mass at the tool"
-"""Name of a change of the mass that the tool carries."""
+"""Name of an unknown additional mass at the tool, in a message."""
 
 
 def mass_at_tool(
     mechanism: Mechanism, states: States, effects: Sequence[Effect], theta: Array, com: Array | None
 ) -> Effect | None:
-    """Return the displacement, m and rad per kg, that a further mass at the tool causes by the compliances of a model.
+    """Return the displacement, m and rad per kg, that additional mass at the tool causes by a model's compliances.
 
     effects, theta: effects of the model and their values. com: centre of the mass in the measured frame, m; None for
-    that of the payload. None without a compliance or without known masses.
+    the payload's. The result is None without a compliance or without known masses.
     """
     loads, mass, terms = _unit_loads(states), _mass(mechanism, com), []
     for effect, value in zip(effects, theta.tolist(), strict=True):
@@ -234,8 +234,7 @@ def moments_at_tool(
     mechanism: Mechanism, states: States, effects: Sequence[Effect], theta: Array
 ) -> tuple[Effect, ...]:
     """Return the displacements, m and rad per kg m, that first moments of mass along x, y, z of the tool cause.
-
-    Arguments as of `mass_at_tool`; empty where it returns None.
+Arguments as of `mass_at_tool`; empty without a compliance or without known masses.
     """
     made = [mass_at_tool(mechanism, states, effects, theta, point) for point in (np.zeros(3), *np.eye(3))]
     start, *ends = [effect.terms if effect else () for effect in made]
@@ -249,6 +248,6 @@ def _unit_loads(states: States) -> Mapping[str, Array]:
 
 
 def _share(states: States, moments: list[str]) -> float:
-    """Return the prior of each moment of mass with which all moments together give the typical deflection."""
+    """Return the prior of each first moment with which all first moments together give the typical deflection."""
     squares = sum(float(np.mean(_unit_loads(states)[m] ** 2)) for m in moments)
     return DEFLECTION / float(np.sqrt(squares))

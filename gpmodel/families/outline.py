@@ -13,10 +13,10 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect
 
 PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
-"""Factor and unit in which lengths and angles are printed."""
+"""Conversion factor and unit in which lengths and angles are printed."""
 
 LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
-"""Word for the shape of each function of (x - at), and the width of the shape if x has the factor one."""
+"""Word for the shape of each function of (x - at), such as "bump", and the width of the shape if x has factor 1."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def outline(basis: Expression) -> Outline | None:
 
 
 def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple[Candidate, ...]:
-    """Name candidates without a name after the shape of their formula, unless two names would be equal.
+    """Name unnamed candidates after the shape of their formula, unless two names would be equal.
 
     A name reads `bump of J2 at -95.5°, width 11.2°`. units: unit of each input.
     """
@@ -64,7 +64,7 @@ def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple
 
 
 def candidate_outline(candidate: Candidate) -> Outline | None:
-    """Return the shape of a candidate of one effect and no family, or None for any other candidate."""
+    """Return the shape of a formula that is a candidate outside the catalogue, or None for any other candidate."""
     one = len(candidate.effects) == 1 and not candidate.family
     basis = candidate.bases[0]
     return outline(basis) if one and isinstance(basis, Expression) else None

@@ -1,4 +1,4 @@
-"""Advice for the repair of each family of the catalogue, from repair_advice.toml."""
+"""Advice for the repair of each error family of the catalogue, from repair_advice.toml."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ class RepairAdvice:
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of a heading and its sentence of advice."""
+        """Headings with their sentences of repair advice."""
         headings = ("sign", "check by hand", "standard", "compensation")
         return tuple(zip(headings, (self.sign, self.check, self.clause, self.compensation), strict=True))
 
 
 @cache
 def repair_advice() -> Mapping[str, RepairAdvice]:
-    """Return the advice for each family, by the name of the family."""
+    """Return the repair advice for each error family, by the name of the family."""
     rows = read_toml(FILE, "the advice of the catalogue")["advice"]
     return {name: RepairAdvice(**row) for row in rows for name in row.pop("families")}

@@ -1,7 +1,7 @@
-"""Families of effects that follow the session: temperature, time, a shift between two rows, and effects with memory.
+"""Families of effects during a measurement session: temperature, time, sudden shifts, and effects with memory.
 
-Effects with memory are play, friction, hysteresis and a lag after the temperature. Effects with memory need rows in the
-order of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
+Effects with memory depend on earlier poses: play, friction, hysteresis and a lag behind the temperature. Effects with
+memory need rows in the order of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
 """
 
 import math
@@ -25,7 +25,7 @@ EXPANSION = 2e-5
 
 TILT = 2e-5
 """Typical tilt of the base with temperature, rad/K: that of a steel column 1 m high and 0.3 m wide, whose sides differ
-by half a kelvin for every kelvin."""
+by half a kelvin per kelvin of ambient change."""
 
 ZERO = 1e-5
 """Typical drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
@@ -37,7 +37,7 @@ SHORTEST = 0.02
 def arm_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Iterator[Effect]:
-    """Yield the effect that stretches all lengths by an equal share; nothing for a mechanism without lengths."""
+    """Yield the effect that stretches all lengths of a mechanism by an equal share; nothing without lengths."""
     terms = tuple(chain(*(terms for _, terms in _lengths(mechanism, basis))))
     if terms:
         yield Effect(name, terms, unit, family, prior)
@@ -56,8 +56,8 @@ def link_growth(
 
 
 def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """Yield each slot (frame) with a length before the slot, and the terms that stretch the length: the offset from the
-    previous slot, and the travel of a prismatic joint, whose screw or scale grows."""
+    """Yield each frame (slot) with a length before the frame, and the terms that stretch the length: the offset from
+    the previous frame, and the travel of a prismatic joint, whose screw or scale grows."""
     fixed = links(mechanism)
     travels = {
         slot: Term(slot, axis, Expression(f"{joint.name}*({basis})"), weight)
@@ -72,13 +72,13 @@ def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Te
 
 
 MOST_STEPS = 200
-"""Largest number of rows at which a step is a candidate, evenly spaced."""
+"""Largest number of evenly spaced rows at which a sudden shift (step) is a candidate."""
 
 EVENTS = 12
-"""Number of moments at which settling may begin. Time constants from a twentieth of the session need no more."""
+"""Number of trial moments at which settling may begin. Time constants from a twentieth of a session need no more."""
 
 SETTLED = 1e-4
-"""Prior standard deviation of settling, rad or share of the length of a link: 5 K of steel (Slocum 1992, ch. 2)."""
+"""Prior standard deviation of exponential settling, rad or relative length: 5 K of steel (Slocum 1992, ch. 2)."""
 
 
 def _steps(states: States) -> list[int]:
@@ -90,7 +90,7 @@ def _steps(states: States) -> list[int]:
 
 
 def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
-    """Yield a step of one frame after each row, along all axes together and along each axis alone."""
+    """Yield a sudden shift (step) of one frame after each row, along all axes together and along each axis alone."""
     rows = _steps(states)
     name, basis = f"{what} after row {symbol()}", Expression(f"step(row - {symbol()})")
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
@@ -126,7 +126,7 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a drift of the set-up in proportion to the row, along and about its axes, or to a parabola of the row."""
+    """Yield a drift of the robot's base in proportion to the row number, or to a parabola of the row number."""
     name, row = "drift of the set-up", Expression("row")
     along = [effect_at(f"{name}, {a}", "base", a, row, axis_unit(a, "row"), "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
@@ -139,17 +139,17 @@ def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one motion of the set-up between two rows."""
+    """Yield one sudden motion of the robot's base between two rows of the table."""
     yield from _moved_once("set-up moved", "base", AXES, "set_up_step", states)
 
 
 def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one shift of the tool between two rows, m."""
+    """Yield one sudden shift of the tool between two rows of the table, m."""
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
 def zero_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one shift of each joint zero between two rows, as after a collision."""
+    """Yield one sudden shift of each joint zero between two rows of the table, as after a collision."""
     rows, name = _steps(states), f"zero slipped after row {symbol()}"
     for j in mechanism.joints:
         slip = drive_effect(f"{name}, {j.name}", j, Expression(f"step(row - {symbol()})"), family="zero_slip")
@@ -160,7 +160,7 @@ def zero_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _clock(states: States) -> tuple[str, float, float, str]:
-    """Return the column that orders the rows (a time, or the row number), its first value, span and unit."""
+    """Return the column that orders the measurements (a time, or the row number), its first value, span and unit."""
     name = states.past.clock if states.past else "row"
     values = states.past.columns[name] if states.past else states[name]
     unit = "rows" if name == "row" else states.units[name]
@@ -168,12 +168,12 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 
 
 def _shortest(states: States, span: float) -> float:
-    """Return the shortest time constant in a session of length `span`: that of two rows. A faster event is a step."""
+    """Return the shortest time constant in a session of length `span`, that of two rows; a faster change is a step."""
     return 2.0 * span / max(len(states) - 1, 1)
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield warm-up effects exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
+    """Yield warm-up effects exp(-t/τ) of joint zeros, base and links, for several time constants τ."""
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" or start == 0 else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
@@ -192,7 +192,7 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield settling 1 - exp(-t/τ), with t the time since an event, for each of EVENTS moments.
 
-    The moments of a clock that began long before the session, such as seconds since 1970, count from the first row.
+    Times that began long before the session, such as seconds since 1970, count from the first row.
     """
     clock, start, span, unit = _clock(states)
     if states.past is None:
@@ -212,7 +212,7 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[Effect]:
-    """Yield the settling of each joint zero and of each link."""
+    """Yield the exponential settling of each joint zero and of each link after an event."""
     for j in revolute(mechanism):
         yield drive_effect(f"settling of the zero {after}, {j.name}", j, basis, family="settling", prior=SETTLED)
     yield from link_growth(
@@ -225,14 +225,14 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad. For a linear axis the play is a tenth, in m: the play at a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. For a linear axis, half the play in m is a tenth: that of a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
 """Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A stop operator of smaller
 width acts as play, one of larger width as a smooth curve."""
 
 LAGS = 8
-"""Number of time constants, in equal ratios from the time of one row to the time of the session."""
+"""Number of trial time constants, in equal ratios from the time between rows to the length of the session."""
 
 
 def _play(joint: Joint) -> float:
@@ -252,8 +252,8 @@ def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the wind-up held by friction: the direction ±1 of the last move, alone and multiplied by the size of the
-    torque."""
+    """Yield the torsion of a joint held by friction: the direction ±1 of the last move, alone and multiplied by the
+    size of the torque."""
     for j in _moving(mechanism, states):
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -270,7 +270,7 @@ def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield stop operators over the angle or the torque of each joint: several widths together, and each alone."""
+    """Yield hysteresis of each joint's angle or torque as stop operators: several widths together, each alone."""
     for j in _moving(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0
