@@ -222,9 +222,7 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Linearise the weighted measurements of the poses `use` at given parameter values. Values of unmeasured joints are
-solved from the measurements and eliminated.
-    """
+    """Linearise the weighted measurements of poses `use` at given parameter values, unmeasured joints eliminated."""
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)

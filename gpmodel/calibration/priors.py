@@ -66,8 +66,10 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 def _explained(
     model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return L⁻¹ with A Aᵀ = L Lᵀ, where A maps all constants to fitted constants, and three arguments of `spread`: the
-columns of the fitted constants in units of their prior, the measurements, and the columns of registration and tool.
+    """Return L⁻¹ with A Aᵀ = L Lᵀ, where A maps all constants to fitted constants, and three arguments of `spread`.
+
+    The arguments are the columns of the fitted constants in units of their prior, the measurements, and the columns of
+    registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(nominal_constants(model)), at)
     stands, growth = equivalent_changes(model, problem, placement, at, others)

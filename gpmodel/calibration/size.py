@@ -114,9 +114,10 @@ def _of_the_tool_point(
 
 
 def unrepresented_constants(model: ErrorModel, problem: Linearised, placement: Placement, kept: Mask) -> Mask:
-    """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does. The
-measurements are insensitive to the masked constants: an inclinometer shows no length and nothing beyond its link. The
-mask is empty if a position is measured in the frame of an instrument.
+    """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does.
+
+    The measurements are insensitive to the masked constants: an inclinometer shows no length and nothing beyond its
+    link. The mask is empty if a position is measured in the frame of an instrument.
     """
     out = np.zeros(len(model.effects), dtype=bool)
     fitted = np.flatnonzero(kept & nominal_constants(model))

@@ -130,8 +130,9 @@ def _balls(data: Dataset) -> bool:
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Complete given registrations and tool points, m, by the instruments' unknowns. The orientations of the tools are
-the measured orientations. slots: frames of the nominal mechanism at every pose.
+    """Complete given registrations and tool points, m, by the instruments' unknowns.
+
+    The orientations of the tools are the measured orientations. slots: frames of the nominal mechanism at every pose.
     """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}

@@ -39,8 +39,7 @@ MEAN, OF_ONE, OF_TWO = 0.3, ((0.3, 1.5), (0.1, 4.0)), (0.3, 1.5)
 """Variances of an unknown function of size 1: of its mean; of sinusoids of one joint, with rates, rad over its range;
 of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean; without a
 mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry. With
-other variances and rates from 1 to 4.5 the error outside is up to double on planes, within a fifth elsewhere.
-"""
+other variances and rates from 1 to 4.5 the error outside is up to double on planes, within a fifth elsewhere."""
 MOST_ROWS, LARGEST = 400, 3000
 """Number of measurements, drawn evenly along the rows, from which variances are estimated; largest number whose
 covariance is inverted. With more measurements, the noise is taken as white."""
@@ -168,8 +167,9 @@ class UndeclaredCovariance:
 
     def posterior_variance(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
         """Return the posterior variance of predicted points, m², by fitted unknowns and unknown functions together.
-axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted: problem of
-the fit. The part of an unknown that functions absorb is not counted twice (universal kriging).
+
+        axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted:
+        problem of the fit. The part of an unknown that functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):
@@ -180,7 +180,8 @@ the fit. The part of an unknown that functions absorb is not counted twice (univ
 
     def posterior_root(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
         """Return a square root, m, of the posterior covariance that the unknown functions cause in new measurements.
-Also return the share of each fitted unknown that the unknown functions absorb at the new measurements.
+
+        Also return the share of each fitted unknown that the unknown functions absorb at the new measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.deviations.sizes, self.sinusoids.values(q)
@@ -291,8 +292,9 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return the posterior covariance root, m, and shares of `posterior_root` for a model's undeclared effects. fitted:
-linear problem of the fit, at effects `theta`. other: linear problem of new measurements.
+    """Return the posterior covariance root, m, and shares of `posterior_root` for a model's undeclared effects.
+
+    fitted: linear problem of the fit, at effects `theta`. other: linear problem of new measurements.
     """
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).posterior_root(other, model, fitted)
 

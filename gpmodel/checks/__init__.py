@@ -1,1 +1,1 @@
-"""Check a measured table before any fit, and assign the columns of files of other programs."""
+"""Check a measured table before calibration, and assign the columns of files of other programs."""

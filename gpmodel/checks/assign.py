@@ -1,4 +1,4 @@
-"""Assign columns of a table to joints and points of a mechanism, such that a registration leaves a small residual."""
+"""Assign columns of a table to joints and measured points, so that the nominal mechanism fits with a small residual."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -22,7 +22,7 @@ from gpmodel.table.units import factor_like
 Columns = tuple[int, ...]
 NOMINAL = ("nom", "target", "cmd", "command", "soll", "set", "desired", "program", "theor", "design", "cad", "ref")
 ACTUAL = ("act", "meas", "ist", "real", "encoder", "feedback", "observed")
-"""Words in column names that indicate commanded values, and words that indicate measured values."""
+"""Words in column names of a table that indicate commanded values, and words that indicate measured values."""
 _WORDS = re.compile(r"[^A-Za-z]+|(?<=[a-z])(?=[A-Z])")
 
 
@@ -50,8 +50,8 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Yield three columns whose names differ in one letter, x, y and z. If a name occurs several times, the next column
-    to the right is used."""
+    """Yield three columns whose names differ in one letter, x, y and z. Of several columns with one name, the next
+    column to the right is used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:
@@ -67,7 +67,7 @@ def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[
 
 
 def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -> Iterator[Columns]:
-    """Yield groups of `count` adjacent columns, or of columns at equal distances `strides`."""
+    """Yield groups of `count` adjacent columns of a table, or of columns at equal distances `strides`."""
     known = set(numeric)
     for stride, first in product(strides, numeric):
         found = tuple(first + stride * k for k in range(count))
@@ -85,20 +85,20 @@ def role_of(names: Sequence[str], columns: Columns) -> int:
 MOST_COLUMNS = 60
 """Largest number of numeric columns that are tried as joints and coordinates regardless of their names."""
 ENOUGH_TO_SCREEN = 25
-"""Number of rows from which the lower bound of the residual, with 13 unknowns per coordinate, can exclude columns."""
+"""Number of rows from which a lower bound of the residual, with 13 unknowns per coordinate, can exclude columns."""
 ROUGH, ROUNDS = 0.25, 8
 """Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of the coarse fit.
-For ten poses of three arms the share was 0.004, with points of wrong rows 0.6."""
+For ten poses of three arms the share was 0.004; with points of wrong rows it was 0.6."""
 MOST_DEGREES = 370.0
-"""Largest joint value, deg, in columns that are not identified by their names."""
+"""Largest joint value, deg, in table columns that are not identified as joints by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
 WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
-"""Units in which joint values are written, by the kind of joint."""
+"""Units in which tables give joint values, by the kind of joint."""
 
 
 class Axis(NamedTuple):
-    """Name and unit of a column, from its header. sure: True if the unit is in brackets or in a line of units."""
+    """Name and unit of a table column, from its header. sure: True if the unit is in brackets or in a line of units."""
 
     name: str
     unit: str | None
@@ -109,13 +109,13 @@ class Axis(NamedTuple):
 class Fit:
     """Columns of the joints and of a point, with the units for which the residual is small.
 
-    left: RMS residual of registration and tool, m.
+    left: RMS residual after a fit of registration and tool, m.
     reading: text on the necessary change of the joint values, empty if no change is needed.
-    turned: factors of the joint columns and constants of the change, (joints, joints + 1), SI.
+    turned: factors of the joint columns and constants, (joints, joints + 1), rad and m, of the change.
     rows: numbers of the compared rows.
     q: joint values (compared rows, joints), rad and m.
     position: measured points (compared rows, 3), m.
-    found: the registration.
+    found: the fitted registration.
     """
 
     joints: Columns
@@ -132,7 +132,7 @@ class Fit:
 
 
 class Assigner:
-    """Search for assignments of the columns of a sheet, compared on at most MOST_ROWS rows."""
+    """Search for assignments of a sheet's columns to joints and points, compared on at most MOST_ROWS rows."""
 
     def __init__(self, sheet: Sheet, mechanism: Mechanism, rows: IntArray | None = None) -> None:
         self.mechanism = mechanism
@@ -142,7 +142,7 @@ class Assigner:
         self.rows = np.arange(len(sheet.cells)) if rows is None else rows
 
     def fits(self) -> list[Fit]:
-        """Return all assignments of columns selected by name or, if none fits, of columns selected by position."""
+        """Return all assignments by the names of the columns or, if none fits, by the positions of the columns."""
         readings = (None, partial(joint_readings, scaled=False))
         names, numeric = [axis.name for axis in self.axes], sorted(self.values)
         count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
@@ -163,7 +163,7 @@ class Assigner:
         return []
 
     def turned(self) -> list[Fit]:
-        """Return the first fit of the columns with the joints' names, with other zeros, signs and couplings."""
+        """Return the first fit of columns with the joints' names after changes of joint zeros, signs and couplings."""
         names = [axis.name for axis in self.axes]
         joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
         points = list(dict.fromkeys(xyz_triples(names, [i for i in sorted(self.values) if i in self.moving])))
@@ -184,7 +184,7 @@ class Assigner:
                     break
 
     def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
-        """Yield possible units of the joint columns: those of the headers, then one unit for all joints of a kind."""
+        """Yield possible units of the joint columns: units in the headers, then one unit for all joints of a kind."""
         kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
         slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
         for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):
@@ -198,7 +198,7 @@ class Assigner:
                 yield units
 
     def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
-        """Yield the fit of unchanged columns, or a fit with each change of the joint values that `reread` yields."""
+        """Yield the fit of given joint columns, or a fit for each change of the joint values that `reread` yields."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -243,7 +243,7 @@ class Assigner:
 
 
 def sign_doubts(mechanism: Mechanism, fit: Fit) -> list[str]:
-    """Return questions: two interpretations of the joints fit, or mirrored positions fit the signs of the file."""
+    """Return questions to the user: two interpretations of joints fit, or mirrored positions fit the file's signs."""
     equal = [fit.reading] if EQUALLY in fit.reading else []
     if fit.turned is None or not (flipped := np.diag(fit.turned) < 0).any():
         return equal
@@ -260,12 +260,12 @@ def sign_doubts(mechanism: Mechanism, fit: Fit) -> list[str]:
 
 
 def header_of(sheet: Sheet, column: int) -> Axis:
-    """Return name and unit of a column of the sheet."""
+    """Return name and unit of a column from its header in the sheet."""
     return Axis(*name_and_unit(sheet.names[column]))
 
 
 def si_of(unit: str | None, kind: str) -> float:
-    """Return the factor from a unit to the SI unit of a kind of joint; 0 for a unit of another dimension."""
+    """Return the factor from a unit to rad or m, by kind of joint; 0 for a unit of another dimension."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
 
 

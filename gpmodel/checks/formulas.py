@@ -13,22 +13,22 @@ from gpmodel.mechanism.protocol import Mechanism
 QUARTERS = (0.0, 90.0, -90.0, 180.0)
 """Differences between the joint zeros of a controller and of a description, deg, in multiples of a right angle."""
 WIDTH = 120
-"""Number of interpretations that the search keeps at each level. Arbitrary signs, zeros and one coupling were found for
-32 of 32 tables of four arms; with 60, for 30."""
+"""Number of interpretations of the joint columns that the beam search keeps at each level. Arbitrary signs, zeros and
+one coupling were found for 32 of 32 tables of four arms; with a number of 60, for 30."""
 EQUALLY = "equally well"
-"""Words before a second interpretation with an equal residual, for example that of a base that is upside down."""
+"""Words before a second interpretation of joint columns with an equal residual, such as a base upside down."""
 ROUNDS, MIRRORED = 8, 8
-"""Number of alternating fits of a similarity and of the tool point, and number of interpretations for which all signs
-are compared."""
+"""Number of alternating fits of a similarity and of the tool point, and number of interpretations of the joint columns
+for which all signs are compared."""
 
 
 def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield the interpretation with the fewest other zeros, couplings and signs of joints that fits, if any fits.
+    """Yield the fitting interpretation of joint columns with the fewest changes of zeros, couplings and signs, if any.
 
     A beam search adds one change at a level and compares lower bounds of the residual, which do not depend on the unit
-    of `p` and cannot see a mirror image. If a bound is small, all sign patterns are compared by a fit of a similarity.
-    The zeros of the first and of the last joint are not changed: registration and tool absorb them. A second
-    interpretation with as few zeros and couplings is named too.
+    of `p` and cannot see a mirror image. If a lower bound is small, all sign patterns are compared by a fit of a
+    similarity. The zeros of the first and of the last joint are not changed: registration and tool absorb them. A
+    second interpretation with as few changes is named too.
     """
     changes, patterns = _changes(mechanism), np.array(list(product((1.0, -1.0), repeat=q.shape[1])))
     tried = np.eye(q.shape[1], q.shape[1] + 1)[None]
@@ -52,7 +52,7 @@ def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Readi
 def _changes(mechanism: Mechanism) -> list[tuple[int, Array]]:
     """Return elementary changes: the number of a joint, and its new value as factors of all joints and a constant, deg.
 
-    A change is another sign and zero, or the sum or difference with a neighbour.
+    An elementary change is another sign and zero, or the sum or difference with a neighbour.
     """
     count = len(mechanism.joints)
     turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]
@@ -67,7 +67,7 @@ def _changes(mechanism: Mechanism) -> list[tuple[int, Array]]:
 
 
 def _changed(formulas: Array, change: tuple[int, Array]) -> Array:
-    """Return formulas (joints, joints + 1) after a further change of one joint."""
+    """Return formulas of joint values, as factors and constants (joints, joints + 1), after a change of one joint."""
     joint, row = change
     out = formulas.copy()
     out[joint] = row[:-1] @ formulas
@@ -76,15 +76,15 @@ def _changed(formulas: Array, change: tuple[int, Array]) -> Array:
 
 
 def _wrapped(formulas: Array) -> Array:
-    """Return formulas with constants above -180 and up to 180 deg."""
+    """Wrap the constants of formulas of joint values to the range from -180 to 180 deg."""
     out = formulas + 0.0
     out[..., -1] = 180.0 - (180.0 - out[..., -1]) % 360.0
     return out
 
 
 def _new(formulas: Array, known: set[bytes]) -> bool:
-    """Return True if each column has a factor of at most one, each joint at most two columns, and `known` lacks the
-    formulas; add them."""
+    """Return whether formulas of joint values are new and valid (factors of at most one, at most two columns per
+    joint); add new formulas to `known`."""
     factors, text = np.abs(formulas[:, :-1]), formulas.tobytes()
     if text in known or factors.max() > 1.0 or factors.sum(axis=1).max() > 2.0:
         return False
@@ -93,12 +93,12 @@ def _new(formulas: Array, known: set[bytes]) -> bool:
 
 
 def _applied(formulas: Array, q: Array) -> Array:
-    """Return joint values (..., poses, joints) of formulas (..., joints, joints + 1)."""
+    """Compute joint values (..., poses, joints), rad and m, by formulas (..., joints, joints + 1)."""
     return np.asarray(q @ np.swapaxes(formulas[..., :-1], -1, -2) + np.radians(formulas[..., None, :, -1]))
 
 
 def _misfits(mechanism: Mechanism, formulas: Array, q: Array, p: Array, *, mirrored: bool) -> Array:
-    """Return a residual for each of the formulas: the lower bound, or that of a similarity and a tool point."""
+    """Return a residual for each formula of joint values: a lower bound, or that of a fitted similarity and tool."""
     out = []
     for part in np.split(formulas, range(SCREENED, len(formulas), SCREENED)):
         values = _applied(part, q)
@@ -108,7 +108,7 @@ def _misfits(mechanism: Mechanism, formulas: Array, q: Array, p: Array, *, mirro
 
 
 def _similarity_misfit(frames: Array, p: Array) -> Array:
-    """Return RMS residuals of similarity and tool point (...) for frames (..., poses, 4, 4), by alternating fits."""
+    """Return RMS residuals (...) of a similarity and a tool point, fitted in turn to frames (..., poses, 4, 4)."""
     points, turns = frames[..., :3, 3], frames[..., :3, :3]
     points, turns = points - points.mean(axis=-2, keepdims=True), turns - turns.mean(axis=-3, keepdims=True)
     normal = np.einsum("...nij,...nik->...jk", turns, turns) + 1e-9 * np.eye(3)
@@ -127,7 +127,7 @@ def _similarity_misfit(frames: Array, p: Array) -> Array:
 
 
 def _complexity(formulas: Array) -> tuple[int, int, int]:
-    """Return the number of other zeros and couplings, of zeros, and of changed joints."""
+    """Return the number of changed zeros and couplings, of changed zeros, and of changed joints."""
     changed = formulas != np.eye(*formulas.shape)
     coupled = np.abs(formulas[:, :-1]).sum(axis=1) > 1.0
     zeros = formulas[:, -1] != 0.0
@@ -135,7 +135,7 @@ def _complexity(formulas: Array) -> tuple[int, int, int]:
 
 
 def _described(mechanism: Mechanism, formulas: Array) -> str:
-    """Describe joints of the opposite sign, and every other changed joint as a formula of the columns."""
+    """Describe joints of opposite sign, and other changed joints as formulas of the joint columns."""
     names = [joint.name for joint in mechanism.joints]
     own = np.eye(*formulas.shape)
     flipped = [name for name, row, same in zip(names, formulas, own, strict=True) if (row == -same).all()]

@@ -26,13 +26,13 @@ from gpmodel.table.layout import Sheet
 from gpmodel.table.units import identifier, known_unit
 
 APART = 2e-3
-"""Least distance between the tool points of two reflectors, or of the tools of two set-ups, m."""
+"""Least distance between the tool points of two reflectors or set-ups, m, that count as different tools."""
 COARSEST = 1e-4
 """Largest rounding of positions, m, that is smaller than the errors of any uncalibrated arm."""
 MOST_LABELS = 12
-"""Largest number of different values of a column that names tools or set-ups."""
+"""Largest number of different values of a table column that names tools or set-ups."""
 COMPUTED_TURN = 1e-5
-"""Least angle, rad, between measured and nominal orientations. A smaller angle means computed orientations."""
+"""Least angle, rad, between measured and nominal orientations. With a smaller angle, orientations were computed."""
 CONVENTIONS = (
     "rotation vector",
     *(f"{kind} {axes.upper()}" for kind, axes in product(("intrinsic", "fixed"), (*TAIT_BRYAN, *PROPER))),
@@ -41,7 +41,7 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """Assignment of columns. map: the assigned columns. lines: text per column. doubts: questions to the user."""
+    """Assignment of a file's columns. map: assigned columns. lines: text per column. doubts: questions to the user."""
 
     map: ColumnMap
     lines: tuple[str, ...]
@@ -74,7 +74,7 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
 
 
 def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
-    """Assign columns, if necessary with changed joint zeros and signs. Raises the InputError of unchanged columns."""
+    """Assign columns to joints and points, if necessary with changed joint zeros and signs."""
     try:
         found = guess(sheet, mechanism)
     except InputError:
@@ -88,7 +88,7 @@ def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
 
 
 def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
-    """Yield joins of each joint row with the position nearest to its pose, registered on a third of the rows."""
+    """Yield joins of joint rows and positions by nearness, with the registration from a third of the rows."""
     for one, other in ((first, second), (second, first)):
         third = min(len(one.cells), len(other.cells)) // 3
         for part in (slice(None, third), slice(-third, None)):
@@ -150,7 +150,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
 
 
 def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
-    """Return assignments that fit all rows; else assignments for each value of a label column, and the column."""
+    """Return assignments of columns that fit all rows; else assignments by value of a label column, and the column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
     if turned:
@@ -179,7 +179,7 @@ def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, 
 
 
 def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
-    """Describe why no assignment of the columns fits."""
+    """Describe why no assignment of the columns to joints and points fits."""
     count, names = len(mechanism.joints), ", ".join(joint.name for joint in mechanism.joints)
     numbers = sum(sheet.numbers(i) is not None for i in sheet.columns)
     if numbers < count + 3:
@@ -198,7 +198,7 @@ def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
 
 
 def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits of one set of joint columns: the measured set, if names tell measured from commanded."""
+    """Return the fits of one set of joint columns: the measured set, if names distinguish measured from commanded."""
     best = min(fits, key=lambda fit: fit.left)
     fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
     sets = list(dict.fromkeys(fit.joints for fit in fits))
@@ -216,7 +216,7 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
 
 
 def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits whose points are not computed from joint values. Raises InputError if all are computed."""
+    """Return fits whose points were not computed from joint values; raise InputError if all were computed."""
     left = []
     for fit in fits:
         if _computed(mechanism, fit):
@@ -233,9 +233,9 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
 
 
 def _computed(mechanism: Mechanism, fit: Fit) -> bool:
-    """Return True if the points are computed: the residual of a registration is as small as the rounding of the digits.
+    """Return whether positions were computed from joint values: the residual is as small as the rounding of the digits.
 
-    Positions are also computed if the residual of the standard model is below the noise of every instrument.
+    Positions also count as computed if the residual of the standard model is below the noise of every instrument.
     """
     data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=fit.position)
     if fit.left < max(FINEST, min(ENOUGH * rounding(data), COARSEST)):
@@ -247,14 +247,14 @@ def _computed(mechanism: Mechanism, fit: Fit) -> bool:
 
 
 def numbers_of(sheet: Sheet, column: int) -> Array:
-    """Return the numbers of a numeric column, one per row."""
+    """Return the values of a numeric column of a sheet, one per row."""
     values = sheet.numbers(column)
     assert values is not None
     return np.asarray(values, dtype=np.float64)
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return one fit for each tool point; of fits with equal tool points, that of columns named as measured."""
+    """Return one fit for each tool point, preferably with columns named as measured."""
     taken: list[Fit] = []
     said = {fit.points: role_of(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
@@ -285,14 +285,14 @@ def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
 
 
 def _ref(sheet: Sheet, column: int, unit: str) -> str:
-    """Return the text for a column in a map: its name if the name is unique, else its number."""
+    """Return the entry for a column in a column map: its name if unique, else its number."""
     name, own, sure = header_of(sheet, column)
     plain = name.replace("_", "").replace(" ", "").isalnum() and not name[:1].isdigit() and not (sure and own != unit)
     return f"{name if plain and find(sheet, name) == column else f'c{column + 1}'} [{unit}]".replace(" []", "")
 
 
 def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Return the entries of the column map for the joints."""
+    """Return the entries of the column map (table column -> file column) for the joints."""
     out: dict[str, str] = {}
     turned = np.eye(len(fit.joints), len(fit.joints) + 1) if fit.turned is None else fit.turned
     if "swapped" in fit.reading:
@@ -321,7 +321,7 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
 
 
 def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Return the entries of the column map for one measured point."""
+    """Return the entries of the column map (table column -> file column) for one measured point."""
     for axis, column in zip("xyz", fit.points, strict=True):
         _, own, sure = header_of(sheet, column)
         lines[column] = f"{axis} [{fit.unit}]"
@@ -359,7 +359,7 @@ def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, 
 def _conventions(
     sheet: Sheet, columns: Columns, rows: IntArray, turned: Array
 ) -> Iterator[tuple[float, str, str, Columns]]:
-    """Yield conventions in which the columns fit: median angle error, rad, convention, unit, columns."""
+    """Yield orientation conventions in which columns fit: median angle error, rad, convention, unit, columns."""
     numbers = np.column_stack([numbers_of(sheet, i)[rows] for i in columns])
     whole = np.isfinite(numbers).all(axis=1)
     if whole.sum() < FEWEST_ROWS:

@@ -35,7 +35,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def another_centre(model: ErrorModel, data: Dataset) -> str | None:
-    """Name the cameras with a wrong stated principal point: the residual with fitted principal points is below POOR."""
+    """Name the cameras with a wrong stated principal point: the residual becomes small if the point is fitted."""
     described: Mapping[str, Any] = data.described.get("cameras", {})
     cameras: Mapping[str, Mapping[str, Any]] = described.get("camera", {})
     stated = {name: c for name, c in cameras.items() if "centre_px" in c and not c.get("solve")}
@@ -56,23 +56,23 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
 
 NOBODY = Reporter()
 MOST_FITTED, STRETCH = 2000, 50
-"""Number of rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit of these rows
+"""Number of rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit of 2000 rows
 takes a second, and the relative error of its RMS is 1 / √(6 · 2000)."""
 YIELDING = ("base_compliance", "joint_compliance")
-"""Families of errors of a sound robot with low stiffness."""
+"""Families of errors of a sound robot with low stiffness: compliances."""
 LIMIT_TOLERANCE = 1e-3
-"""Distance beyond the limit of a joint, rad or m, that the play of its stop and rounding explain."""
+"""Accepted distance of a joint value beyond the joint's limit, rad or m, by play of the stop and rounding."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
 """Least number of measurements for a check, and largest residual of registration and tool as a share of the spread of
-the points, or of the pixels. Unrelated readings have a larger residual; suitable readings have about a hundredth."""
+the points, or of the pixels. Unrelated data have a larger residual; suitable measurements have about a hundredth."""
 
 
 @dataclass(frozen=True)
 class Remark:
-    """One error, warning or note on a table.
+    """One error, warning or note on a measured table.
 
     severity: "error" (the table cannot be fitted), "warning" or "note".
-    unfit: short reason why a fit is possible but would be wrong; empty if the fit is sound.
+    unfit: short reason why a calibration would be possible but wrong, or empty.
     """
 
     severity: str
@@ -85,10 +85,10 @@ def check_dataset(
 ) -> list[Remark]:
     """List the errors, warnings and notes of a table, errors first.
 
-    standard: the geometric effects that would be fitted (default: all). With more than MOST_FITTED rows, fits use
-    stretches of rows spread evenly over the table, and a note states the number of rows. Errors: joint values beyond
-    limits, wrong units or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see
-    `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
+    standard: the geometric constants to fit (default: all). With more than MOST_FITTED rows, fits use stretches of rows
+    spread evenly over the table, and a note states the number of rows. Errors: joint values beyond limits, wrong units
+    or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `built_wrong`,
+    `poor_fit` and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -120,7 +120,7 @@ def check_dataset(
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     """Yield the causes of a large residual, each with the reason why the table is not fit for calibration.
 
-    The reason is empty if base and joint compliance explain the residual.
+    The reason is empty if compliances of base and joints explain the residual.
     """
     for text in poor_fit(fit):
         if lens := another_centre(fit.model, poses.dataset):
@@ -154,13 +154,13 @@ def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | No
 
 
 def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield the errors of a table that a fit of registration and tool finds."""
+    """Yield the errors of a table that a fit of registration and tool point reveals."""
     yield from _unlike_readings(mechanism, poses)
     yield from computed_positions(mechanism, poses)
 
 
 def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield an error if the positions were computed with the nominal mechanism; tested only for rounded positions."""
+    """Yield an error if positions were not measured but computed with the nominal mechanism; tested if rounded."""
     if not written_to_a_digit(poses.dataset):
         return
     part = poses.subset(evenly(len(poses)))
@@ -228,7 +228,7 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
 
 
 def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Yield a warning if all values suffice for the unknowns, but the training poses of a held-out split do not."""
+    """Yield a warning if all values suffice for the unknowns, but training poses without held-out poses do not."""
     values, needed = measured_values(different_readings(data)), unknowns(mechanism, data, standard)
     if values * (1.0 - USUAL) <= needed:
         yield (
@@ -247,12 +247,12 @@ def _nominal(mechanism: Mechanism, poses: Poses) -> Observed:
 
 
 def _left(observed: Observed, kind: Observation) -> float:
-    """Return the RMS residual of the readings of one kind."""
+    """Return the RMS residual of the measurements of one kind, such as pixels."""
     return root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings])
 
 
 def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield an error for distances, touches and pixels that registration and tool hardly explain."""
+    """Yield an error for distances, touches and pixels that a fit of registration and tool hardly explains."""
     data = poses.dataset
     if len(data) < MINIMUM_READINGS or not (data.distances or data.observations):
         return

@@ -1,4 +1,4 @@
-"""Find columns that are exchanged or in a wrong unit: another interpretation fits the mechanism far better."""
+"""Find table columns that are exchanged or in a wrong unit: another interpretation fits the mechanism far better."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, groupby, islice, product
@@ -40,16 +40,16 @@ from gpmodel.wording import some
 TURNS = 4 * np.pi
 """Largest joint angle, rad: no joint of a robot makes more than two turns in one direction."""
 FAR_BETTER = 5.0
-"""Least factor by which an alternative interpretation has to reduce the residual. With a wrong description of a
+"""Least factor by which another interpretation of the columns has to reduce the residual. With a wrong description of a
 mechanism, no alternative reduces the residual as much by chance."""
 GOOD_SHARE = 0.05
-"""Largest residual of the correct interpretation of columns, as a share of the spread of the points."""
+"""Largest residual of a correct interpretation of table columns, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
-"""Residual, as a share of the spread and as a length, m, from which a table is refused if no interpretation fits. No
-working robot has errors this large."""
+"""Residual, as a share of the points' spread and in m, from which a table without a fitting interpretation is refused.
+No working robot has errors as large."""
 FEWEST_ROWS, MOST_ROWS, MOST_IN_ORDER = 6, 60, 400
-"""Least and largest number of poses to compare interpretations: with fewer than six poses every interpretation fits,
-more than sixty add no information. Largest number of consecutive rows in which a lost row is searched."""
+"""Least and largest number of poses to compare interpretations of columns: with fewer than six poses all fit, more than
+sixty add no information. Largest number of consecutive rows in which a lost row is searched."""
 FEWEST_OF_A_PART, LEAST_PART = 12, 0.35
 """Least number and least share of rows that must fit one registration and tool before the other rows are called bad:
 nine unknowns fit any three rows."""
@@ -58,12 +58,12 @@ TINY, GIANT = 5e-3, 30.0
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Name columns that are exchanged or in a wrong unit, with the correction; None if the table fits the mechanism.
+    """Name table columns that are exchanged or in a wrong unit, with the correction; None if the table fits.
 
-    If the residual of registration and tool is far above real errors at most of the poses, other interpretations are
-    tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the pose before
-    or after, two set-ups in one, and many bad measurements. An interpretation is named if it reduces the residual by
-    FAR_BETTER. For several arms only degrees in place of radians are tested.
+    If the residual of registration and tool is far above real errors at most poses, other interpretations of the
+    columns are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
+    pose before or after, two set-ups in one, and many bad measurements. An interpretation is named if it reduces the
+    residual by the factor FAR_BETTER. For several arms only degrees in place of radians are tested.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
@@ -97,7 +97,7 @@ def _better(
 ) -> str | None:
     """Describe the best interpretation of the columns if it reduces the residual by FAR_BETTER, and equally good ones.
 
-    now: residual of the unchanged table, m.
+    now: RMS residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
     hopeless: True to try changes of several columns together, and of the order of all columns.
     """
@@ -139,14 +139,14 @@ def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) ->
 
 
 def comparable_rows(data: Dataset) -> IntArray:
-    """Return the numbers of the rows with a complete position, of the most frequent set-up and tool."""
+    """Return the numbers of the rows with a measured x, y and z, of the most frequent set-up and tool."""
     places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
     usual = np.array(places) == max(set(places), key=places.count)
     return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
 def typical_rows(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """Return the numbers of the poses without the worst poses, and the error of every pose, m, by a fit without them.
+    """Return the numbers of the poses except the worst, and the error of every pose, m, by a fit without the worst.
 
     Gross errors of single poses do not indicate exchanged columns.
     """
@@ -159,7 +159,7 @@ def typical_rows(frames: Array, position: Array) -> tuple[IntArray, Array]:
 
 
 def row_faults(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
-    """Find a lost row, a column shifted by a row, two set-ups in one, or bad measurements, from the rows that fit.
+    """Find a lost row, a column shifted by a row, two mixed set-ups, or bad measurements, from the rows that fit.
 
     now: RMS residual of registration and tool, m.
     """
@@ -181,7 +181,7 @@ def row_faults(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
 
 
 def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | None:
-    """Name the joint whose values belong to the row before or after; None if the shift explains too few rows."""
+    """Name the joint whose values belong to the row before or after; None if a shift explains too few rows."""
     for i, shift in product(range(q.shape[1]), (1, -1)):
         moved = q.copy()
         moved[:, i] = np.roll(q[:, i], -shift)
@@ -205,7 +205,7 @@ def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
 
 
 def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str | None:
-    """Name the row from which positions belong to the pose before or after; None if the shift explains too few rows."""
+    """Name the row from which positions belong to the pose before or after; None if a shift explains too few rows."""
     errors = np.full((3, len(p)), np.inf)
     for shift in (-1, 0, 1):
         errors[shift + 1, max(shift, 0) : len(p) + min(shift, 0)] = found.errors(*_paired(frames, p, shift))
@@ -231,7 +231,7 @@ def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str 
 
 
 def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str | None:
-    """Describe two set-ups in one if the bad rows fit a second registration; else list the rows of the bad
+    """Report two mixed set-ups if the rows that do not fit have a second registration; else list the rows of bad
     measurements."""
     error = found.errors(frames, p)
     bad = error > gross_error_limit(error)
@@ -261,18 +261,17 @@ def _too_many_turns(largest: float) -> str:
 
 
 COARSE = 0.05
-"""Median error of rotations over the poses, rad, from which the rotations are refused: three degrees. Errors of joint
-zeros are milliradians."""
+"""Median error of measured rotations over the poses, rad, from which the rotations are refused: three degrees. Errors
+of joint zeros are milliradians."""
 TAIT_BRYAN = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
 
 def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Describe the disagreement of rotations with the mechanism, and the convention that fits; None without
-    disagreement.
+    """Describe how measured rotations disagree with the mechanism, and the convention that fits; None if they agree.
 
     Model: measured rotation = A R_flange B, with the registration A of the positions and the rotation B of the tool in
-    the flange. Without positions nothing is tested.
+    the flange. Without measured positions the rotations are not tested.
     """
     rows = comparable_rows(data)
     rows = rows[np.isfinite(data.rotation[rows]).all(axis=1)]
@@ -308,7 +307,7 @@ def rotation_misfit(turned: Array, measured: Array) -> float:
 
 
 def _conventions(vectors: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the name of each possible convention, and rotation matrices of `vectors` read in the convention."""
+    """Yield the name of each convention of rotations, and `vectors` as rotation matrices by the convention."""
     as_read = Rotation.from_rotvec(vectors)
     quaternions = as_read.as_quat()
     for factor, unit in ((1.0, ""), (np.pi / 180, " in degrees"), (180 / np.pi, " in radians")):

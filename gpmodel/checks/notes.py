@@ -25,19 +25,19 @@ from gpmodel.table.units import identifier, split_header
 
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
 """Residual of registration and tool, as a share of the workspace and as a length, m, from which other interpretations
-of columns are tried: ten times the errors of a bad robot. `checks.weak_columns` tests smaller residuals."""
+of columns are tried: ten times the errors of a bad robot. The module `checks.weak_columns` tests smaller residuals."""
 CLOSE = 0.01
-"""RMS residual, m, below which a fit is not restarted from another side of the flange."""
+"""RMS residual, m, below which registration and tool are not fitted again from another side of the flange."""
 COARSE, FINE, FINER = 0.3, 1e-3, 0.3
-"""First and last scale of the robust fit, m, and the factor between successive scales. Half or double of each value
-selects equal rows; a last scale of 0.1 mm would reject rows because of errors of the geometry."""
+"""First and last scale of the robust fit, m, and the factor between successive scales. Half or double of a scale
+selects equal rows; a last scale of 0.1 mm would reject rows because of geometric errors."""
 STEPS = 4
 """Number of Gauss-Newton steps at each scale of the robust fit; eight steps select equal rows."""
 QUARTER, SPREAD = 0.25, 12.0
-"""Quantile of the errors that belongs to good rows even if most rows are bad, and the multiple of the quantile that no
-good row reaches: the quarter of the lengths of 3-D normal errors is at 1.1 σ, and 13 σ never occur."""
+"""Quantile of the position errors that good rows determine even if most rows are bad, and the multiple of the quantile
+that no good row reaches: the lower quartile of the length of 3-D normal errors is 1.1 σ, and 13 σ never occur."""
 SMALLEST = 5e-3
-"""Least size of a gross error of a position, m."""
+"""Least size of an error of a position that counts as gross, m."""
 
 
 def flange(mechanism: Mechanism, q: Array, scale: float = 1.0) -> Array:
@@ -54,7 +54,7 @@ def spread_of(points: Array) -> float:
 
 @dataclass(frozen=True)
 class Registered:
-    """A registration (rotation `turn`, translation `shift`, m) and a tool point in the flange, m."""
+    """A fitted registration (rotation `turn`, translation `shift`, m) and tool point in the flange, m."""
 
     turn: Array
     shift: Array
@@ -62,7 +62,7 @@ class Registered:
 
     @classmethod
     def of(cls, frames: Array, position: Array, tool: Array) -> "Registered":
-        """Return the best registration for a given tool point, by least squares."""
+        """Fit the registration for a given tool point, by least squares."""
         return cls(*se3.fit_rotation(tips(frames, tool), position), tool)
 
     def points(self, frames: Array) -> Array:
@@ -82,7 +82,7 @@ def tips(frames: Array, tool: Array) -> Array:
 def registered(frames: Array, position: Array) -> Registered:
     """Fit registration and tool point by least squares, with starts on all sides of the flange.
 
-    If the flange turns about one centre, a start on the wrong side of the flange ends in a local minimum.
+    If the flange turns about one centre, a tool point on the wrong side of the flange is a local minimum.
     """
 
     def residual(point: Array) -> Array:
@@ -108,8 +108,8 @@ def registered(frames: Array, position: Array) -> Registered:
 def least_misfit(frames: Array, position: Array) -> Array:
     """Return a lower bound, m, of the RMS residual of any registration and tool point.
 
-    Positions (..., poses, 3) are fitted as any linear function of the positions of the flange frames (..., poses, 4, 4)
-    and of all entries of their rotations.
+    Positions (..., poses, 3) are fitted as any linear function of the flange frames (..., poses, 4, 4): of positions
+    and all entries of rotations.
     """
     turns = frames[..., :3, :3].reshape(*frames.shape[:-2], 9)
     columns = np.linalg.qr(np.concatenate([np.ones_like(turns[..., :1]), frames[..., :3, 3], turns], axis=-1))[0]
@@ -120,8 +120,8 @@ def least_misfit(frames: Array, position: Array) -> Array:
 def consistent_rows(frames: Array, position: Array) -> tuple[Registered, Mask]:
     """Return registration and tool point of the largest consistent part of the rows, and a mask of these rows.
 
-    A Cauchy loss with a scale from COARSE to FINE starts from the least-squares fits to all rows, to the first and to
-    the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
+    A fit with a Cauchy loss, whose scale decreases from COARSE to FINE, starts from least-squares fits to all rows, to
+    the first third and to the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
     """
     third = max(len(frames) // 3, 6)
     found = [_robust(frames, position, part) for part in (slice(None), slice(third), slice(-third, None))]
@@ -156,16 +156,16 @@ def _robust(frames: Array, position: Array, part: slice) -> Registered:
 
 
 RANK_POSES = 60
-"""Number of random poses to compute a rank: 180 values, several times the number of unknowns of a long arm."""
+"""Number of random poses that tell how many constants are observable: 180 values, several per unknown."""
 
 
 def measured_values(data: Dataset) -> int:
-    """Count the measured values of a table."""
+    """Count the measured values of a table, three per position."""
     return sum(int(kind.readings.sum()) for kind in observations(data))
 
 
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
-    """Count the unknowns of a fit: registration, tool, anchors of distances and constant effects.
+    """Count the unknowns of a calibration: registration, tool, fixed ends of distances and geometric constants.
 
     The number of constants is the number of combinations that well spread poses distinguish: the rank of the
     sensitivity at the nominal geometry over random poses within the limits.
@@ -201,8 +201,8 @@ def notes(
     """Yield one sentence each on the residuals, values per unknown, loads, ignored columns, noise floor and next
     measurements.
 
-    fits: fit of registration and tool, and of the standard model.
-    floor: RMS of repeats, m, None without repeats.
+    fits: fit of registration and tool alone, and fit of the standard model.
+    floor: noise floor by repeats, RMS, m, None without repeats.
     """
     (bare, fit), data = fits, poses.dataset
     if any(kind.readings.any() for kind in observations(data) if not isinstance(kind, Orientation)):
@@ -245,7 +245,7 @@ def notes(
 
 
 def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
-    """Yield columns of joints that follow another joint, and ignored parts of the mechanism's description."""
+    """Yield notes on columns of coupled joints, and on ignored parts of the mechanism's description."""
     following = followers(mechanism)
     for name in data.ignored:
         if (joint := identifier(name)) in following:
@@ -256,7 +256,7 @@ def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:
-    """State the known masses of the mechanism and the payload."""
+    """State in a note the known masses of the mechanism and of the payload."""
     lightest, heaviest = float(data.payload.min()), float(data.payload.max())
     carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
     known = bool(mechanism.loads(data.q[:1], np.zeros(1)))

@@ -1,4 +1,4 @@
-"""Alternative interpretations of the columns of a table, each without a further unknown, and the text for the user."""
+"""Alternative interpretations of the columns of a table, without further unknowns, each with a text for the user."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,22 +11,22 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
 
 MOST_DIGITS = 9
-"""Decimals of a millimetre or a degree from which a number counts as not rounded."""
+"""Number of decimals of a millimetre or a degree from which a number counts as not rounded."""
 FINEST = 5e-6
 """RMS residual, m, below which positions are computed and not measured: no instrument on a robot is as accurate."""
 SPREAD = 1.0 / np.sqrt(12.0)
 """Ratio of the standard deviation of a rounding error to the size of the last digit."""
 ENOUGH = 1.5
-"""Ratio of a residual to the rounding error up to which rounding explains it."""
+"""Ratio of a residual to the rounding error, up to which rounding explains the residual."""
 
 
 def written_to_a_digit(data: Dataset) -> bool:
-    """Return True if all positions are rounded to a common decimal, as in files of a controller."""
+    """Return whether all positions are rounded to a common decimal, as in files of a robot controller."""
     return _last_digits(data)[0] > 0
 
 
 def computed(left: float, data: Dataset) -> Iterator[str]:
-    """Yield an error for positions that a controller computed. left: RMS residual of registration and tool, m."""
+    """Yield an error if a controller computed the positions. left: RMS residual of registration and tool, m."""
     step = rounding(data)
     if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
         yield (
@@ -36,7 +36,7 @@ def computed(left: float, data: Dataset) -> Iterator[str]:
 
 
 def rounded(left: float, data: Dataset) -> Iterator[str]:
-    """Yield a warning if rounding explains the residual. left: RMS residual of the standard model, m."""
+    """Yield a warning if rounding of the table explains the residual. left: RMS residual of the standard model, m."""
     largest, (step, turn) = rounding(data), _last_digits(data)
     if FINEST < left < ENOUGH * largest:
         ends = [f"joint values are rounded to {np.degrees(turn):.3g} deg"] if turn else []
@@ -48,8 +48,8 @@ def rounded(left: float, data: Dataset) -> Iterator[str]:
 
 
 def rounding(data: Dataset) -> float:
-    """Return the largest RMS position error, m, by rounding of joint values and positions, with every joint at full
-    reach of the arm."""
+    """Return the largest RMS position error, m, by rounding of joint values and positions, as if every joint had the
+    full reach of the arm as lever."""
     step, turn = _last_digits(data)
     whole = data.position[np.isfinite(data.position).all(axis=1)]
     reach = float(np.sqrt(np.mean(np.sum((whole - whole.mean(axis=0)) ** 2, axis=1)))) if len(whole) else 0.0
@@ -57,7 +57,7 @@ def rounding(data: Dataset) -> float:
 
 
 def _last_digits(data: Dataset) -> tuple[float, float]:
-    """Return the last decimal of all positions, m, and of all joint values, rad or m. The result is zero for values
+    """Return the size of the last decimal of all positions, m, and of all joint values, rad or m; zero for values
     without a common decimal."""
     return 1e-3 * _last(1e3 * data.position), float(np.radians(_last(np.degrees(data.q))))
 
@@ -74,14 +74,14 @@ def _last(values: Array) -> float:
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 """Units of length in tables, and their size in metres."""
 OF_ANOTHER_SIZE = 5.0
-"""Largest ratio of the spread of measured points to the workspace, or of the workspace to the spread."""
+"""Largest plausible ratio of the spread of measured points to the workspace, or of the workspace to the spread."""
 MIRROR_IMAGE = "two of the columns x, y, z look swapped, or one has the wrong sign"
 ALIKE = 1.5
-"""Ratio to the smallest residual up to which an alternative interpretation is equally likely and is also named."""
+"""Ratio to the smallest residual up to which an alternative interpretation of columns is also named as likely."""
 SCREENED = 200
-"""Number of interpretations of the columns whose frames are computed at once."""
+"""Number of interpretations of the columns that are computed at once, to limit the memory."""
 MOST_ORDERED = 6
-"""Largest number of joints of which all orders are tried: 720."""
+"""Largest number of joints whose columns are tried in all orders (720 orders)."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ def joint_readings(
 ) -> Iterator[Reading]:
     """Yield interpretations with the other angle unit, the other sign, two swapped columns, or two coupled joints.
 
-    only: mask of the joints that may be changed; None for all joints.
-    scaled: True to include the other angle unit.
+    only: mask of joints whose columns may change; None for all joints.
+    scaled: True to include deg for rad or rad for deg.
     """
     joints = mechanism.joints
     chosen = np.ones(len(joints), dtype=bool) if only is None else only
@@ -162,7 +162,7 @@ def listed(names: Sequence[str]) -> str:
 def length_readings(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
     """Yield interpretations with other units of x, y and z, or of one of these coordinates, and with a mirrored frame.
 
-    spread, reach: RMS distance, m, of the points and of the flange from their centres.
+    spread, reach: RMS distance, m, of the measured points and of the flange from their centres.
     """
     for ratio in sorted({a / b for a in LENGTHS.values() for b in LENGTHS.values()} - {1.0}):
         if 1.0 / OF_ANOTHER_SIZE < spread * ratio / max(reach, 1e-9) < OF_ANOTHER_SIZE:

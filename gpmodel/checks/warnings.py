@@ -18,7 +18,7 @@ from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 
 JUMP_STATISTIC = 2.3
-"""Threshold of the largest standardised cumulative sum of residuals; by chance one of 10⁴ tables exceeds it."""
+"""Threshold of the largest standardised cumulative sum of residuals; one of 10⁴ tables exceeds it by chance."""
 
 JUMP_ROWS = 20
 """Least number of rows for a test of the order of the rows."""
@@ -28,7 +28,7 @@ SERIAL_SIGMAS = 4.0
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
-"""Name of the fitted quantity for each label column."""
+"""Name of the fitted quantity (registration or tool) for each label column."""
 
 
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
@@ -53,7 +53,7 @@ def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
-    """Merge consecutive rows of one pose and average the residuals; corners of one image are not independent."""
+    """Average the residuals of consecutive rows of one pose, since corners of one image are not independent."""
     run = np.cumsum(np.append(0, (np.diff(poses.dataset.q, axis=0) != 0).any(axis=1)))
     known = np.isfinite(residual)
     sums, counts = np.zeros((2, run[-1] + 1, residual.shape[1]))
@@ -64,10 +64,10 @@ def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
 
 
 def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
-    """Describe the largest standardised cumulative sum of residuals along the rows, or return None. Source: Ploberger
-    and Krämer (1992).
+    """Describe a jump of residuals along the rows, found by cumulative sums (Ploberger and Krämer 1992), or return
+    None.
 
-    residual: (poses, components). at_tool: residual of the positions in the axes of the tool, (poses, 3) or (poses, 0).
+    residual: (poses, components), m or rad. at_tool: residual of positions in the axes of the tool, m, (poses, 3).
     """
     best: tuple[float, int, float, str] | None = None
     columns = [*((values, "setup") for values in residual.T), *((values, "tool") for values in at_tool.T)]
@@ -112,10 +112,10 @@ def _serial(residual: Array, poses: Poses) -> str | None:
 
 
 SMALL_RANGE = np.radians(20.0)
-"""Range of a joint, rad, below which sines look like straight lines."""
+"""Range of a joint, rad, below which a sine of its angle is nearly a straight line."""
 
 POOR = 2e-3
-"""Residual of the standard model, m, from which the fit is poor. For a robot the residual is usually 0.1 to 1 mm."""
+"""Residual of the standard model, m, above which its fit is called poor. A robot usually has 0.1 to 1 mm."""
 
 POOR_TURN = 1e-2
 """Residual of the standard model in the orientations, rad, from which the fit is poor: ten times the residual of a
@@ -128,18 +128,18 @@ BUILT_WRONG = 1e-2
 """Deviation, m or rad, from which the description is wrong: links are machined and joint zeros set more accurately."""
 
 RESOLVED = 1e3
-"""Condition number up to which errors are divided among equivalent parameters. The relative rounding error is 1e-12; a
-wrong length has a tenth of the effect of the best determined direction."""
+"""Condition number up to which errors are divided among equivalent geometric parameters. The relative rounding error is
+1e-12; a wrong length has a tenth of the effect of the best determined direction."""
 
 SURE = 5.0
-"""Number of standard errors from zero from which a parameter is called wrong."""
+"""Number of standard errors from zero from which a geometric parameter is called wrong."""
 
 FEWEST_REPEATS = 5
-"""Least number of repeated rows to estimate a spread."""
+"""Least number of repeats of a pose to estimate their spread."""
 
 
 def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterator[str]:
-    """Yield one sentence for each warning on a table: unused loads, joints that hardly move, repeats, outliers,
+    """Yield one sentence for each warning on a table: on unused loads, joints that hardly move, repeats, outliers,
     rounding, order of the rows.
 
     fit: fit of the standard model.
@@ -161,7 +161,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
 
 
 def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
-    """Yield the possible causes of a large residual: table, instrument, or low stiffness. called: name of the fit."""
+    """Yield the possible causes of a large residual: table, instrument, or low stiffness. called: name of the model."""
     left = root_mean_square(fit.fitted_error)
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
@@ -175,7 +175,7 @@ def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[s
 
 
 def _unmeasured(data: Dataset) -> Iterator[str]:
-    """Yield a warning for a coordinate without any value, if other coordinates have values."""
+    """Yield a warning for a coordinate (x, y or z) without any value, if other coordinates have values."""
     missing = [axis for k, axis in enumerate("xyz") if not np.isfinite(data.position[:, k]).any()]
     if 0 < len(missing) < 3:
         one = len(missing) == 1
@@ -211,9 +211,9 @@ def orientation_left(fit: Calibration, poses: Poses) -> float:
 
 
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """Yield one sentence for each parameter that is farther from the description than any machine is built.
+    """Yield one sentence for each geometric parameter that is farther from the description than any machine is built.
 
-    A fit holds some of several equivalent parameters at zero, and the other parameters absorb the errors: two parallel
+    A calibration holds some of several equivalent parameters at zero, and the others absorb the errors: two parallel
     joints 0.1 m apart turn 1 mm into 10 mrad. All parameters are therefore tested at the equivalent values with the
     least sum of squares, in mm and mrad.
     """
@@ -234,8 +234,8 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 def _least(fit: Calibration, poses: Poses) -> Array:
     """Return the matrix that maps fitted parameters to the parameters of least norm with equal effect on all points.
 
-    Two series of points count as equal if another registration and tool point map one onto the other. Directions in
-    parameter space whose effect is more than RESOLVED times smaller than the largest effect are left at zero.
+    Two series of points count as equal if another registration and tool point map one onto the other. Parameter
+    combinations with an effect more than RESOLVED times smaller than the largest are held at zero.
     """
     problem = problem_at(fit, poses)
     placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
@@ -285,8 +285,8 @@ def _repeats(data: Dataset) -> Iterator[str]:
 
 
 FROZEN = 3
-"""Least number of poses with an identical position that indicates a lost target. With few digits, two identical
-positions may be chance."""
+"""Least number of poses with an identical position that indicates a lost target. Two positions with few digits may
+agree by chance."""
 
 
 def _frozen(data: Dataset) -> Iterator[str]:
@@ -304,7 +304,7 @@ def _frozen(data: Dataset) -> Iterator[str]:
 
 
 def _outliers(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """State the excluded readings, and readings of one pose whose tools or tips look exchanged."""
+    """State the excluded measurements, and measurements of one pose whose tools or tips seem exchanged."""
     data = poses.dataset
     if len(fit.outliers):
         worst = 1e3 * fit.error[fit.outliers].max()

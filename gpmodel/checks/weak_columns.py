@@ -25,18 +25,18 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.wording import measured
 
 LIMIT = 50.0
-"""Condition limit of every fit in this test, as for the standard model in Robertson (2003)."""
+"""Condition limit of calibrations that test columns of joints, as for the standard model in Robertson (2003)."""
 PASSES = 3
 """Number of alternating fits of joint angles and model. For a wrist column of other rows and a point 1.5 mm off the
-axis, the residual falls from 1.1 to 0.17 mm by the first fit, and to 0.05 mm by the third fit."""
+axis, the first fit reduces the residual from 1.1 to 0.17 mm, the third fit to 0.05 mm."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
-"""Tested joint angles, rad. Half the step moves the point of a wrist by less than its noise."""
+"""Trial joint angles, rad. Half their step moves the point of a wrist by less than the noise."""
 LESS, FAR_LESS = 1.5, 3.0
-"""Least factor by which free joint angles have to reduce the standard deviation of the residual, after each fit and at
-the end. With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
+"""Least factor by which free joint angles must reduce the standard deviation of the residual, in each fit and in all.
+With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
-"""Least median difference of the free joint angles from the column, rad. Play and gear errors are below 1 degree,
-shuffled values near 90."""
+"""Least median difference of free joint angles from the table's column, rad, for the column to be wrong. Play and gear
+errors are below 1 degree, shuffled values near 90."""
 
 
 def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Calibration:
@@ -49,8 +49,8 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
     return None.
 
     The predicted point moves on a circle with the angle. The free angle minimises the distance from the measured point.
-    Angles and standard model are fitted in turn, from `fit`, the standard model of the table. The standard deviation of
-    the residual counts one unknown per pose.
+    Angles and standard model are fitted in turn, starting from `fit`, the standard model. The standard deviation of the
+    residual counts one unknown per pose.
     """
     now, free = fit, data
     for _ in range(PASSES):
@@ -82,7 +82,7 @@ def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
 
 
 def _points(fit: Calibration, data: Dataset) -> Array:
-    """Return the points (poses, 3) that the model predicts, m."""
+    """Return the measured points (poses, 3), m, as the fitted model predicts them."""
     poses = prepare(fit.model.mechanism, data)
     return np.asarray(data.position - measured_minus(observe(fit.model, poses, fit.theta, fit.placement), data)[:, :3])
 
@@ -96,21 +96,19 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 WEAK = 10.0
 """Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below this ratio a wrong
 interpretation of the joint's column does not increase the residual. The residual of a column with a wrong sign is about
-twice the motion by the joint.
-"""
+twice the motion by the joint."""
 NOT_WORSE = 1.2
-"""Largest ratio of the residual of registration and tool with another interpretation to that of the unchanged table."""
+"""Largest ratio of the residual of registration and tool, with another interpretation of columns to the present one."""
 BETTER, SURE = 1.5, 25.0
 """Least factor by which another interpretation of a column has to reduce the residual of the standard model; and least
-gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; no change improves a sound table.
-"""
+gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; no change improves a sound table."""
 
 
 def misread_column(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
-    """Describe the column of a joint that hardly moves the point, if an alternative or free angles fit far better.
+    """Describe the column of a joint that hardly moves the point, if other values or free angles fit far better.
 
     The residual of registration and tool is larger than the effect of the column. Original and alternative column are
-    therefore fitted with the standard model and compared by the likelihood; the number of unknowns is equal.
+    therefore fitted with the standard model and compared by the likelihood, with equal numbers of unknowns.
     """
     rows = comparable_rows(data)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
@@ -168,11 +166,11 @@ def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
 
 
 HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
-"""Families that are fitted together with a scale factor, because loads and eccentric gears resemble a factor of a
-joint."""
+"""Families of effects that are fitted together with a scale factor, because loads and eccentric gears resemble a factor
+of a joint."""
 SMALLEST = 2e-4
-"""Least deviation of a scale factor from one. Smaller deviations are errors of instruments (0.00001) and gears
-(0.0001), which `discover` names."""
+"""Least deviation from one of a wrong scale factor of columns. Smaller deviations are errors of instruments (0.00001)
+and gears (0.0001), which `discover` names."""
 IMPOSSIBLE = 2e-3
 """Deviation of a scale factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
 CHANCE = 1e-4
@@ -181,12 +179,12 @@ CHANCE = 1e-4
 
 @dataclass(frozen=True)
 class Factor:
-    """A common scale factor of some columns.
+    """A common scale factor of some columns of a table.
 
     columns: names of the columns, in words.
     value, stderr: the factor and its standard error.
     chance: probability of a factor at least so far from one in a sound table.
-    less: ratio of the residual without the factor to the residual with the factor.
+    less: ratio of the residual without to the residual with the factor.
     """
 
     columns: str
@@ -197,20 +195,20 @@ class Factor:
 
     @property
     def size(self) -> str:
-        """Value and standard error of the factor as text."""
+        """Value and standard error of the scale factor as text."""
         return str(measured(self.value, self.stderr, "1"))
 
     @property
     def wrong(self) -> bool:
-        """True if neither chance, an instrument nor a gear explains the factor."""
+        """True if neither chance, an instrument nor a gear explains the scale factor."""
         return self.chance < CHANCE and abs(self.value - 1.0) > SMALLEST
 
 
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A factor of one column has to reduce the residual by BETTER. BETTER is not required of a factor of all
-    positions, because longer links of the mechanism would fit equally well. fit: fit of the standard model.
+    A factor of one column must reduce the residual by BETTER. A factor of all positions need not, because longer links
+    of the mechanism would fit equally well. fit: fit of the standard model.
 
     r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
     (HEALTHY). A: columns of all constants. c: column of a factor f.
@@ -274,10 +272,10 @@ def _effects(mechanism: Mechanism) -> Iterator[Effect]:
 def _factor(
     name: str, constants: tuple[Array, Array], readings: Array, free: tuple[Array, Array], before: float
 ) -> Factor:
-    """Estimate one scale factor.
+    """Estimate one scale factor of columns.
 
     constants: left singular vectors (measurements, values) and singular values of the columns of the constants.
-    free: columns of the unpenalised parameters, and the column of the factor, orthogonal to them.
+    free: columns of the parameters without priors, and of the factor, orthogonal to them.
     before: standard deviation of the residual without the factor, m.
     """
     (u, s), (taken, column) = constants, free

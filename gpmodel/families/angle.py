@@ -163,8 +163,9 @@ def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array)
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the angular error of each joint as a smooth function of its angle, and one candidate of all joints
-together. The candidate of all joints detects errors that are too weak to be detected one by one.
+    """Yield the angular error of each joint as a smooth function of its angle, and of all joints together.
+
+    The candidate of all joints detects errors that are too weak to be detected one by one.
     """
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)

@@ -18,8 +18,7 @@ from gpmodel.model.states import States
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
 """Largest load that counts as rounding error, N·m or N; and least share of the largest load of equal unit that is not
 negligible. Under a smaller load a joint would need ten thousand times the compliance of other joints, and at other
-poses the load may be a hundred times as large.
-"""
+poses the load may be a hundred times as large."""
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
 """Reference temperature of dimensions (ISO 1), by the unit of a temperature column."""
@@ -32,8 +31,7 @@ BRED = tuple(f"formula of generation {g}" for g in range(1, 10))
 SEQUENCE, TREE = "sequence", "tree"
 """Values of `found_by`, the origin of a candidate: the catalogue; the user; a smooth term without a formula; a formula
 that replaces a smooth term or effect; a formula that replaces an evolved program; a formula made by crossover, by its
-generation; genetic programming, by its representation.
-"""
+generation; genetic programming, by its representation."""
 
 
 FORMULAS = FORMULA, FORMULA_OF_PROGRAM, *BRED

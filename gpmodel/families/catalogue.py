@@ -86,7 +86,7 @@ of sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
-    """Check families, candidates and effects of the user, and return them as a tuple."""
+    """Return families, candidates and effects as a tuple; raise InputError for any other object, or equal names."""
     kept: dict[str, Offer] = {}
     for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):

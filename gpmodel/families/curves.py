@@ -40,7 +40,8 @@ def continued(curve: Candidate) -> tuple[Effect, ...]:
 
 def richest(count: int) -> tuple[int, float] | None:
     """Return the number of harmonics that `count` poses determine, and the harmonic from which their prior falls off.
-With fewer than 100 poses the result is None.
+
+    With fewer than 100 poses the result is None.
     """
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 

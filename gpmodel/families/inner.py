@@ -1,5 +1,6 @@
-"""Nonlinear constants in the basis functions of a candidate: a frequency, a time constant, a width, a row. A template
-is the candidate with a symbol in the place of each nonlinear constant.
+"""Nonlinear constants in the basis functions of a candidate: a frequency, a time constant, a width, a row.
+
+A template is the candidate with a symbol in the place of each nonlinear constant.
 """
 
 import re

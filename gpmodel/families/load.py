@@ -234,7 +234,8 @@ def moments_at_tool(
     mechanism: Mechanism, states: States, effects: Sequence[Effect], theta: Array
 ) -> tuple[Effect, ...]:
     """Return the displacements, m and rad per kg m, that first moments of mass along x, y, z of the tool cause.
-Arguments as of `mass_at_tool`; empty without a compliance or without known masses.
+
+    Arguments as of `mass_at_tool`; empty without a compliance or without known masses.
     """
     made = [mass_at_tool(mechanism, states, effects, theta, point) for point in (np.zeros(3), *np.eye(3))]
     start, *ends = [effect.terms if effect else () for effect in made]

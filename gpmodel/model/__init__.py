@@ -1,1 +1,1 @@
-"""States of the poses, effects, and the error model of a mechanism with its observations."""
+"""Columns of the poses, error effects, and the error model of a mechanism with its measurements."""

@@ -14,10 +14,10 @@ from gpmodel.numerics import se3
 from gpmodel.table.units import TomlTable
 
 KINDS = ("cameras", "board", "surfaces")
-"""Kinds of objects that a file may describe."""
+"""Kinds of objects that a TOML file of measuring equipment may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Positions in the list of lens parameters that each word of the entry `solve` selects."""
+"""Lens parameters, as positions in their list, that each word of the entry `solve` selects for estimation."""
 
 MOST_BENT = 1e4
 """Largest distortion coefficient of a lens; the coefficient k3 of a narrow lens may be some hundreds."""
@@ -25,11 +25,11 @@ MOST_MARKERS = 1000
 """Largest number of markers along a side of a board."""
 
 Slot = Callable[[str, str], int]
-"""Function of a link's name and its location in a file; returns the number of the slot that carries the link."""
+"""Function of a link's name and its location in a file; returns the number of the frame that carries the link."""
 
 
 def read_cameras(content: object, slot: Slot) -> tuple[Camera, ...]:
-    """Read [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3], solve."""
+    """Read cameras [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3]"""
     out = []
     for name, table in _named(content, "cameras", "camera"):
         focal, centre = table.numbers("focal_px", 2), table.numbers("centre_px", 2)
@@ -55,7 +55,7 @@ def read_cameras(content: object, slot: Slot) -> tuple[Camera, ...]:
 
 
 def read_boards(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
-    """Read [board.NAME]; return each board with {marker: corner (3,), m}.
+    """Read calibration boards [board.NAME]; return each board with {marker: corner (3,), m}.
 
     A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or [board.NAME.points_mm]
     with a position [x, y, z] of each marker.
@@ -82,9 +82,9 @@ def read_boards(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, 
 
 
 def read_surfaces(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
-    """Read [plane.NAME], [sphere.NAME] and [line.NAME].
+    """Read touched surfaces from [plane.NAME], [sphere.NAME] and [line.NAME].
 
-    Returns the surfaces of one artefact, whose relative poses are known, and free spheres of known diameter.
+    Returns the surfaces of one artefact, whose relative poses are known, and separate spheres of known diameter.
     probe_diameter_mm: diameter of the touching ball.
     """
     whole = TomlTable(content, "surfaces")

@@ -13,17 +13,17 @@ from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Joint
 from gpmodel.model.states import States
 
 REGISTRATION, TOOL = "setup", "tool"
-"""Columns of a table with the label of the set-up (one registration per set-up) and of the tool."""
+"""Columns of a table with the labels of the set-up (rows with a common registration) and of the tool."""
 
 
 def made_of(parts: object, kind: type) -> bool:
-    """Return whether `parts` is a tuple of values of one type."""
+    """Return whether `parts` is a tuple whose elements all have the type `kind`."""
     return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
 
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an effect: weight times basis function, along one axis of one frame of the chain."""
+    """Term of an error effect: weight times basis function, along one axis of one frame of the kinematic chain."""
 
     slot: str
     axis: str
@@ -39,9 +39,9 @@ class Term:
 
 @dataclass(frozen=True)
 class TakenUp:
-    """A twist (6,), m and rad, of one set-up's registration in the instrument's frame, or of one tool in its own frame.
+    """A rigid motion (6,), m and rad: of a set-up's registration in the instrument's frame, or of a tool in its frame.
 
-    of: column with the label, REGISTRATION or TOOL.
+    of: REGISTRATION or TOOL, the column with the label.
     label: name of the set-up or the tool.
     """
 
@@ -55,7 +55,7 @@ class Effect:
     """A small twist at frames of the chain, per unit of one coefficient θ: sum over terms of weight · φ(state) · axis.
 
     unit: unit of the coefficient θ.
-    family: family of the catalogue, empty for an effect without a family.
+    family: family of the catalogue, or empty.
     prior: prior standard deviation of θ around `mean`; infinite without a prior.
     taken_up: rigid motions per unit of θ that are subtracted from the effect, so that registration and tool do not
     change.
@@ -75,7 +75,7 @@ class Effect:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the state columns in the effect's basis functions."""
+        """Names of the inputs (columns of the poses) in the effect's basis functions."""
         return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
 
     @cached_property
@@ -85,7 +85,7 @@ class Effect:
 
     @property
     def of_the_instrument(self) -> bool:
-        """True if the effect changes only the measurements of the instrument, not the mechanism."""
+        """True if the effect changes only the measurements of the instrument, not the motion of the mechanism."""
         return self.slots == (INSTRUMENT,)
 
     @property
@@ -94,7 +94,7 @@ class Effect:
         return not self.inputs
 
     def twist(self, states: States, slot: str) -> Array:
-        """Return the twist (poses, 6) at `slot` per unit of the coefficient, m and rad, in the frame of the slot."""
+        """Return the effect's twist (poses, 6), m and rad, at the frame `slot` per unit of its coefficient."""
         out = np.zeros((len(states), 6))
         for term in self.terms:
             if term.slot == slot:
@@ -112,10 +112,10 @@ def effect_at(
 ) -> Effect:
     """Return an effect with one slot (frame), one axis and one basis function φ: the twist θ φ(state) along the axis.
 
-    slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
+    slot: name of the frame: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
     axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the frame of the slot.
     basis: φ, an Expression or any object with `inputs`, `str()` and a call that returns a value per pose.
-    unit: unit of the coefficient θ; the unit of the axis if empty.
+    unit: unit of the coefficient θ; if empty, m or rad as for the axis.
     family, prior: family and prior standard deviation, as in Effect.
     Raises InputError for an unknown axis.
     """

@@ -1,4 +1,4 @@
-"""The error model: a mechanism with effects, and its predicted measurements."""
+"""The error model: a mechanism with error effects, and its predicted measurements."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,11 +20,11 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Placement:
-    """Registrations and tools from a fit, by the labels of the table.
+    """Fitted registrations (poses of the robot's root) and tool points, by the labels of the table.
 
     registration: {set-up: pose (4, 4) of the mechanism's root in the frame of the instrument, m}.
-    tool: {tool: pose (4, 4) of the measured frame in the flange, m}. Without rotations only its point is determined.
-    anchors: {key: unknowns of observations}. For a distance: the anchor (3,) in the root frame, m.
+    tool: {tool: pose (4, 4) of the measured frame in the flange, m}; without measured rotations only its point counts.
+    anchors: {key: unknowns of measuring equipment}, such as the fixed end (3,) of a distance in the root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -38,7 +38,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Poses:
-    """A dataset prepared for one mechanism: nominal transforms between frames, states, and tip frames of every pose.
+    """A table prepared for one mechanism: nominal transforms between frames, columns, and tip frames of every pose.
 
     tip_slot: number of the slot (frame of the chain) that carries the measured tip, for each row.
     """
@@ -57,7 +57,7 @@ class Poses:
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
-    """Compute the nominal transforms and the states of every pose once. same: states for equal poses, see `states_of`.
+    """Compute the nominal transforms and the columns of every pose once. same: columns of equal poses, see `states_of`.
 
     Raises OpenLoopsError, naming the row, if closed loops do not meet at the joint values of a row.
     """
@@ -104,7 +104,7 @@ class ErrorModel:
                     )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
-        """Return {slot number: error twist (poses, 6), m and rad}, without slots that have no error."""
+        """Return {frame number: error twist (poses, 6), m and rad}, without frames that have no error."""
         out: dict[int, Array] = {}
         terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
         for term, size in terms:
@@ -114,14 +114,14 @@ class ErrorModel:
         return {at: twist.T for at, twist in out.items()}
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
-        """Return the model and its coefficients without the effects of the instrument."""
+        """Return the error model and its coefficients without the effects of the instrument."""
         own = [i for i, effect in enumerate(self.effects) if not effect.of_the_instrument]
         return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
 
     def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:
         """Return the twist (poses, 6), m and rad, of measured `points` (poses, 3), m, in the frame of the instrument.
 
-        The result is None if the model has no effect of the instrument.
+        Without an effect of the instrument the twist is None.
         """
         acting = [(e, v) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 and INSTRUMENT in e.slots]
         if not acting:
@@ -131,8 +131,8 @@ class ErrorModel:
         return np.asarray(whole - self.taken_up(poses, theta, REGISTRATION))
 
     def taken_up(self, poses: Poses, theta: Array, of: str) -> Array:
-        """Return the twist (poses, 6), m and rad, of registration or tool that is subtracted from the effects at each
-        pose."""
+        """Return the rigid motion (twist (poses, 6), m and rad) of registration or tool that is subtracted from the
+        effects."""
         out = np.zeros((len(poses), 6))
         for effect, value in zip(self.effects, theta, strict=True):
             for rigid in effect.taken_up:
@@ -141,11 +141,11 @@ class ErrorModel:
         return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
-        """Return the poses (slots, poses, 4, 4) of all slots in the root frame, m, each after its error twist."""
+        """Return the poses (frames, poses, 4, 4) of all frames in the root frame, m, each after its error twist."""
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
-        """Return the poses (slots, poses, 4, 4) of all slots after known `twists` {slot number: (poses, 6)}."""
+        """Return the poses (frames, poses, 4, 4) of all frames after error twists {frame number: (poses, 6)}, m."""
         if loops := closed(self.mechanism):
             with rows_named(poses.dataset):
                 return loops.assembled(poses.dataset.q, twists)
@@ -158,11 +158,11 @@ class ErrorModel:
 
 
 def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
-    """Return the numbers of the rows at which the loops of a mechanism close, nominally and with its errors. A chain
-    has no loops.
+    """Return the numbers of the rows at which the kinematic loops of a mechanism close, nominally and with its errors.
+    A serial chain closes at all rows.
 
-    theta: values of model.effects, SI units. Effects with memory change when rows are removed, so that the test is
-    repeated on the remaining rows.
+    theta: values of model.effects, SI units. Effects with memory (of earlier poses) change when rows are removed, so
+    that the test is repeated without the rows.
     """
     rows, loops = np.arange(len(data)), closed(model.mechanism)
     if loops:
@@ -177,11 +177,10 @@ def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """Predict the measurements at `poses`, and the frames of all slots, by the equation of ErrorModel.
+    """Predict the measurements and all frames of the mechanism at `poses`, by the equation of ErrorModel.
 
     theta: values θ_k of model.effects, SI units.
-    placement: a registration for every set-up of the poses and a point for every tool. KeyError if a registration or
-    point is missing.
+    placement: registration of every set-up of the poses and point of every tool. KeyError if one is missing.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
@@ -207,9 +206,9 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 
 
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
-    """Add missing unknowns of the observations, estimated from the given poses, to the unknowns of a fit.
+    """Add missing unknowns of the measurements, estimated from the given poses, to the unknowns of a fit.
 
-    An example of an unknown is a point that only held-out poses touched.
+    An example of a missing unknown is a point that only held-out poses touched.
     """
     new = [kind for kind in kinds if not known.keys() >= kind.own.keys()]
     return {**{key: value for kind in new for key, value in kind.start(tips).items()}, **known} if new else known
@@ -218,7 +217,7 @@ def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
     """Return measured minus predicted values (poses, components), m, rad (rotation vectors), then other units.
 
-    Unmeasured components are NaN.
+    Components that were not measured are NaN.
     """
     return np.hstack([kind.residual(observed.tips, observed.own) for kind in observations(dataset)])
 

@@ -2,7 +2,7 @@
 
 An inclination is asin(s · up) for each sensor axis s = F M e, with the rotation F of the link, the rotation M of the
 mounting, the unit vector e (x or y) and the vertical `up`. The vertical has an unknown tilt in the root frame. A
-rotation about the vertical changes nothing.
+rotation about the vertical does not change the inclination.
 """
 
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from gpmodel.numerics import se3
 
 VERTICAL = "vertical"
 FEWEST = 4
-"""Least number of measurements of one inclinometer: each axis has three unknowns."""
+"""Least number of measurements of one inclinometer, whose axes have three unknowns each."""
 STEEPEST = np.radians(89.9)
-"""Largest inclination, rad. The sine of a larger angle hardly changes with the angle."""
+"""Largest usable inclination, rad. The sine of a larger angle hardly changes with the angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,9 @@ class Inclination:
     """Measurements of inclinometers on links.
 
     values: measured inclinations (poses, 2), rad.
-    links: name, and number of the slot, of each link with an inclinometer.
+    links: name, and number of the frame, of each link with an inclinometer.
     link: position in `links` of the link at each pose, -1 for no measurement.
-    metres: length that one radian counts as, m.
+    metres: length, m, that counts as one radian.
     """
 
     values: Array
@@ -50,7 +50,7 @@ class Inclination:
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Names of the mountings of the inclinometers on their links."""
+        """Names of the mountings (fixed rotations) of the inclinometers on their links."""
         return tuple(f"inclinometer {name}" for name, _ in self.links)
 
     @property
@@ -65,7 +65,7 @@ class Inclination:
         return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return zero derivatives: the tool point does not change an inclination."""
+        """Return derivatives of zero by the tool frame, since the tool point does not change an inclination."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
@@ -89,14 +89,14 @@ class Inclination:
         return np.concatenate(parts, axis=2)
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the vertical after a rotation in the root's axes, or a mounting after a rotation in its own axes."""
+        """Rotate the vertical in the root's axes, or the mounting of an inclinometer in its own axes."""
         if key == VERTICAL:
             return _turn(np.append(step, 0.0)) @ value
         return se3.rotation_vector(_turn(value) @ _turn(step))
 
     def start(self, tips: Tips) -> Own:
-        """Return a level base, and mountings by least squares: the sine of an inclination is linear in the inclined
-        axis."""
+        """Return a level base, and mountings of inclinometers by least squares: the sine of an inclination is linear in
+        the inclined axis."""
         out = {VERTICAL: np.array([0.0, 0.0, 1.0])}
         for i, (name, slot) in enumerate(self.links):
             rows = (self.link == i) & self.readings.all(axis=1)
@@ -108,7 +108,7 @@ class Inclination:
         return out
 
     def _axes(self, tips: Tips, own: Own) -> Array:
-        """Return the axes x and y of the sensors in the root frame, (poses, 2, 3)."""
+        """Return the axes x and y of the inclinometers in the root frame, (poses, 2, 3)."""
         out = np.zeros((len(self.values), 2, 3))
         for i, (name, slot) in enumerate(self.links):
             turn = tips.slots[slot, :, :3, :3] @ _turn(own[f"inclinometer {name}"])

@@ -20,13 +20,13 @@ from gpmodel.table.bundles import numbered
 from gpmodel.table.dataset import Dataset
 
 KNOWN = "surfaces"
-"""Name of the artefact that contains all surfaces with a known relative pose."""
+"""Name of the calibration artefact that contains all touched surfaces with a known relative pose."""
 
 SAME_VIEW = 1e-6
 """Largest difference of joint values within one camera view, rad or m: rounding of written digits."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""Metres that a pixel and a radian count as before weighting: a pixel at a metre's distance, a lever of a metre."""
+"""Initial weights of a pixel and a radian, m: a pixel at a metre's distance, and a lever of a metre."""
 
 
 def with_observations(
@@ -34,8 +34,8 @@ def with_observations(
 ) -> Dataset:
     """Return the table with the observations in its columns `on_plane` to `inclination_y`.
 
-    described: descriptions that replace Dataset.described. Raises InputError for a label with too few touches, a camera
-    or marker without a description, or too few corners.
+    described: descriptions of cameras, boards and surfaces, in place of Dataset.described. Raises InputError for a
+    label with too few touches, a camera or marker without a description, or too few corners.
     """
     dataset = dataset if described is None else replace(dataset, described=described)
     found: list[Observation] = [*_touches(dataset), *_pixels(dataset, mechanism), *_inclinations(dataset, mechanism)]
@@ -152,14 +152,14 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
 
 
 def _spelled(board: str, markers: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
-    """Yield each marker by its name, and by the name of the board followed by the name of the marker."""
+    """Yield each marker of a board by its name, and by the name of the board followed by the name of the marker."""
     for name, at in markers.items():
         yield name, at
         yield f"{board}/{name}", at
 
 
 def _check_views(dataset: Dataset, cameras: list[str], view: IntArray, which: IntArray) -> None:
-    """Raise InputError naming the first row of a view of a flat board with too few corners."""
+    """Raise InputError with the first row of a camera view of a flat board if it shows too few corners."""
     rows = np.flatnonzero(which[:, 0] >= 0)
     keys = np.column_stack([view, which])[rows]
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)

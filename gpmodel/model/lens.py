@@ -3,7 +3,7 @@
     x = X / Z, y = Y / Z, r² = x² + y²,  d = 1 + k1 r² + k2 r⁴ + k3 r⁶
     x' = d x + 2 p1 x y + p2 (r² + 2 x²),   y' = d y + p1 (r² + 2 y²) + 2 p2 x y,   u = fx x' + cx,  v = fy y' + cy
 
-Source: Brown (1971). The order of the coefficients is that of OpenCV.
+Source: Brown (1971). The coefficients have the order of OpenCV.
 """
 
 import numpy as np
@@ -61,7 +61,7 @@ def by_lens(points: Array, lens: Array) -> Array:
 
 
 def directions(seen: Array, lens: Array) -> Array:
-    """Return directions X/Z, Y/Z without distortion from pixels (points, 2), by fixed-point iterations."""
+    """Return directions X/Z, Y/Z without lens distortion from pixels (points, 2), by fixed-point iterations."""
     wide = np.broadcast_to(lens, (len(seen), 9))
     target = (seen - lens[2:4]) / lens[:2]
     out = target.copy()

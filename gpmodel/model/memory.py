@@ -1,6 +1,6 @@
-"""Columns with memory, which depend on the poses measured before.
+"""Columns with memory: inputs of basis functions that depend on the poses measured before.
 
-The name of each column can be used in an expression. The name ends with a constant, with `p` for the decimal point:
+The name of a column with memory can be used in an expression. It ends with a constant, with `p` as decimal point:
 
     last_move_J2            sign of the last move of the joint, 0 before its first move
     play_J2_0p01            play operator of half-width r:  y_k = max(x_k - r, min(x_k + r, y_(k-1))), y_0 = x_0
@@ -24,21 +24,21 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import TEMPERATURES, is_time
 
 OFTEN = 0.05
-"""Least fraction of rows close to the previous row from which a joint counts as standing still. Of random poses in a
-joint range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
+"""Least share of rows with a joint value close to the previous row's, for the joint to count as standing still. Of
+random poses in a joint range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
-"""Least number of rows with rising times for the rows to count as ordered. Random times rise in one of 10! tables."""
+"""Least number of rows with rising times for the rows to count as ordered. Random times rise in 1 of 10! tables."""
 
 
 def word(value: float, digits: int = 4) -> str:
-    """Write a positive constant as the end of a column name: 0.0123 as `0p0123`."""
+    """Write a positive constant for the end of a column name, such as 0.0123 as `0p0123`."""
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-").replace(".", "p")
 
 
 def read_by(name: str) -> tuple[str, ...]:
-    """Return the source columns of a column with memory, such as J2 for `last_move_J2`; empty for another column."""
+    """Return the source columns of a column with memory, such as J2 of `last_move_J2`; none of other columns."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
 
@@ -51,7 +51,7 @@ def columns_of(names: Iterable[str]) -> set[str]:
 def constant_of(name: str) -> tuple[str, str, float] | None:
     """Return the operation of a column with memory (`play`, `stop`, `lag`), its source column and its constant.
 
-    The result is None for any other name.
+    Names of other columns give None.
     """
     match = _WITH_CONSTANT.match(name)
     return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
@@ -59,7 +59,7 @@ def constant_of(name: str) -> tuple[str, str, float] | None:
 
 @dataclass(frozen=True, eq=False)
 class Past:
-    """The columns of a whole table in the order of measurement, and the columns with memory that follow from them.
+    """The columns of a whole table in the order of measurement, and the columns with memory computed from them.
 
     clock: name of the column of times, or `row`. A column with memory is computed once, on first use.
     """
@@ -70,7 +70,7 @@ class Past:
     _known: dict[str, Array] = field(default_factory=dict)
 
     def column(self, name: str) -> Array | None:
-        """Return the column with memory of the given name, or None for any other name."""
+        """Return the column with memory (of earlier poses) of the given name, or None for any other name."""
         if name not in self._known:
             sources = read_by(name)
             if not sources or sources[0] not in self.columns:
@@ -82,7 +82,7 @@ class Past:
         return self._known[name]
 
     def unit(self, name: str) -> str:
-        """Return the unit of the source column of a column with memory, or `1` for a direction."""
+        """Return the unit of a column with memory: that of its source column, or `1` for a direction."""
         return "1" if _LAST_MOVE.match(name) else self.units[read_by(name)[0]]
 
     def _in_order(self, name: str, values: Array, order: IntArray) -> Array:
@@ -98,10 +98,10 @@ class Past:
 
 
 def jitter(values: Array) -> float:
-    """Return the threshold (rad or m) up to which a change of joint values between rows counts as standstill.
+    """Return the change of a joint value between rows (rad or m) up to which the joint counts as standing still.
 
-    The threshold is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
-    joint that stands still while it is measured. The threshold is ROUNDING if the values are commands.
+    The threshold is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for
+    measured values of a joint at rest. The threshold is ROUNDING if the joint values are commands.
     """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
@@ -162,7 +162,7 @@ def clock_of(dataset: Dataset) -> str | None:
 
 
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
-    """Return the columns with memory that every search uses.
+    """Return the columns with memory (of earlier poses) that every search for effects uses.
 
     The columns with memory are the last move of each moving joint, the stop operator of each moving joint over a tenth
     of its range, and temperatures with a lag of a thirtieth, a tenth and a third of the session.

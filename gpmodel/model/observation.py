@@ -1,4 +1,4 @@
-"""Observations: measurements of a point, an orientation, a distance or another kind, with one interface."""
+"""Observations: measurements of points, orientations, distances and other kinds, with one interface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ class Tips:
 
     root: poses in the root frame of the mechanism.
     instrument: poses in the frame of the instrument.
-    slots: frames of the chain in the root frame, (slots, poses, 4, 4).
+    slots: frames of the mechanism in the root frame, (frames, poses, 4, 4).
     """
 
     root: Array
@@ -32,7 +32,7 @@ class Tips:
 
 
 Own = Mapping[str, Array]
-"""{key: unknowns of an observation}, such as positions of anchors, surfaces and cameras."""
+"""Unknowns of the measuring equipment by key, such as positions of fixed ends, surfaces and cameras."""
 
 
 class Observation(Protocol):
@@ -40,7 +40,7 @@ class Observation(Protocol):
 
     @property
     def name(self) -> str:
-        """Unique name of the observation in the table and in messages."""
+        """Unique name of the kind of measurement in the table and in messages."""
 
     @property
     def unit(self) -> str:
@@ -48,7 +48,7 @@ class Observation(Protocol):
 
     @property
     def metres(self) -> float | None:
-        """Length in metres that one unit of the measurement counts as; None for a rotation, whose weight is fitted."""
+        """Length in metres that counts as one unit of the measurement; None for a rotation, whose weight is fitted."""
 
     @property
     def components(self) -> int:
@@ -64,11 +64,11 @@ class Observation(Protocol):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """{key of an unknown: names of its numbers}, in the order of the columns of `by_own`."""
+        """Unknowns of the equipment as {key: names of the numbers}, in the order of the columns of `by_own`."""
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Keys of the unknowns that remain valid in another session: mountings on a link, and a lens."""
+        """Keys of the unknowns that remain valid in another measurement session: mountings on a link, and a lens."""
 
     @property
     def readings(self) -> Mask:
@@ -83,24 +83,24 @@ class Observation(Protocol):
     def by_tip(self, tips: Tips, own: Own) -> Array:
         """Return derivatives (poses, components, 6) of the prediction by the motion of the tip in instrument axes.
 
-        The motion of the tip is the shift of its point, m, and a rotation about the point, rad.
+        The motion of the tip consists of the shift of its point, m, and a rotation about the point, rad.
         """
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return {slot number: derivative by a motion of the frame of the slot}, in the axes of the root."""
+        """Return {frame number: derivative of the prediction by a motion of the frame}, in the axes of the root."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives (poses, components, unknowns) of the prediction by the observation's unknowns."""
+        """Return derivatives (poses, components, unknowns) of the prediction by unknowns of the measuring equipment."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the value of the unknown `key` after a step."""
+        """Return the value of the unknown `key` of the measuring equipment after a step."""
 
     def start(self, tips: Tips) -> Own:
-        """Return initial values of the unknowns. Raises InputError if the measurements do not determine them."""
+        """Return initial values of the equipment's unknowns; raise InputError if the data do not determine them."""
 
 
 class OfTip:
-    """Base class of observations that depend on the frame of the tip alone."""
+    """Base class of measurements that depend on the frame of the tip alone."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
@@ -109,12 +109,12 @@ class OfTip:
         return {}
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the sum of the value of an unknown and a step."""
+        """Add a step to the value of an unknown of the measuring equipment."""
         return value + step
 
 
 class WithoutUnknowns(OfTip):
-    """Base class of observations of the tip without unknowns other than registration and tool."""
+    """Base class of measurements of the tip without unknowns other than registration and tool."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     values: Array
@@ -130,11 +130,11 @@ class WithoutUnknowns(OfTip):
         return bool(self.readings.any())
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return an empty array: the observation has no unknowns."""
+        """Return an empty array, since positions and orientations add no unknowns to registration and tool."""
         return np.zeros((len(self.values), 3, 0))
 
     def start(self, tips: Tips) -> Own:
-        """Return an empty mapping: the observation has no unknowns."""
+        """Return an empty mapping, since positions and orientations add no unknowns to registration and tool."""
         return {}
 
 
@@ -163,7 +163,7 @@ class Point(WithoutUnknowns):
 class Orientation(WithoutUnknowns):
     """Orientation of the tip in the frame of the instrument: rotation vectors (poses, 3), rad.
 
-    The residual is the rotation vector of the measured rotation matrix times the transpose of the predicted one.
+    The residual is the rotation vector of R_measured R_predictedᵀ.
     """
 
     values: Array
@@ -194,11 +194,11 @@ class Orientation(WithoutUnknowns):
 
 @dataclass(frozen=True)
 class Distance(OfTip):
-    """Distance of the tip from an anchor fixed to the mechanism's root, plus a zero: one value per pose, m.
+    """Distance of the tip from a point fixed to the mechanism's root, plus a zero offset: one value per pose, m.
 
-    The distance of a tip p is |p - a| + z, with the unknown position a (3,) of the anchor in the root frame and the
-    unknown zero z of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose measurement system
-    for manipulator calibration experiments", IEEE Trans. Robotics and Automation 10.
+    The measured distance of a tip p is |p - a| + z, with the unknown position a (3,) of the fixed point in the root
+    frame and the unknown zero offset z of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose
+    measurement system for manipulator calibration experiments", IEEE Trans. Robotics and Automation 10.
     """
 
     name: str
@@ -211,7 +211,7 @@ class Distance(OfTip):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """The unknowns of a distance: its anchor and its zero."""
+        """The unknowns of a distance instrument: its fixed point and its zero offset."""
         return {self.name: ("anchor x", "anchor y", "anchor z", "zero")}
 
     @property
@@ -240,7 +240,7 @@ class Distance(OfTip):
         return np.hstack([along, np.ones((len(away), 1))])[:, None, :]
 
     def start(self, tips: Tips) -> Own:
-        """Return anchor a and zero z by trilateration from tip positions p, linear in a, z and |a|² - z²:
+        """Return fixed point a and zero z by trilateration from tip positions p, linear in a, z and |a|² - z²:
         d² = |p|² - 2 p·a + 2 d z + |a|² - z²."""
         seen = np.isfinite(self.values)
         if seen.sum() < 5:
@@ -251,7 +251,7 @@ class Distance(OfTip):
 
 
 def observations(dataset: Dataset) -> tuple[Observation, ...]:
-    """Return all observations of a dataset: point, orientation, distances, then the other kinds."""
+    """Return all kinds of measurements of a table: point, orientation, distances, then the other kinds."""
     distances = (Distance(name, values) for name, values in dataset.distances.items())
     more = cast(tuple[Observation, ...], dataset.observations)
     return (Point(dataset.position), Orientation(dataset.rotation), *distances, *more)

@@ -16,13 +16,13 @@ class Observed:
     """Predicted measurements and their derivatives.
 
     tips: predicted poses of the tip.
-    frames: poses (slots + 1, poses, 4, 4) of the slots, then of the instrument, in the instrument's frame, with errors.
-    twists: {slot number: error twist (poses, 6), m and rad}; the last numbers are instrument and tool.
+    frames: poses (frames + 1, poses, 4, 4) of all frames, then of the instrument, with errors, in instrument axes.
+    twists: {frame number: error twist (poses, 6), m and rad}; the last numbers are instrument and tool.
     kinds: kinds of measurements, such as positions or pixels.
-    own: {key: unknowns that belong to a kind of measurement}.
-    carried: derivative of the tool's twist by the twist of a slot, for closed loops; None for a chain.
-    lineage: mask (slots, slots), True if a twist at one frame moves the other frame.
-    tip_slot: number of the slot that carries the tip, for each pose.
+    own: unknowns of the measuring equipment by key.
+    carried: derivative of the tool's twist by the twist of a frame, for closed loops; None for a chain.
+    lineage: mask (frames, frames), True if a twist at one frame moves the other frame.
+    tip_slot: number of the frame that carries the tip, for each pose.
     """
 
     tips: Tips
@@ -42,7 +42,7 @@ class Observed:
 
     @property
     def components(self) -> int:
-        """Number of components of a measured pose: 3 of position, 3 of rotation, then those of other observations."""
+        """Number of components of the measurements at a pose: 3 of position, 3 of rotation, then other measurements."""
         return sum(kind.components for kind in self.kinds)
 
     @property
@@ -53,16 +53,16 @@ class Observed:
 
     @property
     def turns(self) -> Mask:
-        """Mask of the components that are rotations, whose weight the fit estimates."""
+        """Mask of the measured components that are rotations, whose weight the fit estimates."""
         return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
     def scales(self, rotation_weight: float) -> Array:
-        """Return for each component the length in metres that one unit of the component counts as."""
+        """Return for each measured component the length in metres that counts as one unit of the component."""
         each = [rotation_weight if kind.metres is None else kind.metres for kind in self.kinds]
         return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:
-        """Return the slice of the components that belong to an observation."""
+        """Return the slice of the measured components that belong to one kind of measurement."""
         first = 0
         for other in self.kinds:
             if other.name == kind.name:
@@ -71,14 +71,14 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Return derivatives (poses, components, 6) of the measurements by an error twist ξ at a slot, at its present
+        """Return derivatives (poses, components, 6) of the measurements by an error twist ξ at a frame, at its present
         value.
 
         slot: number of the frame; the number after that of the instrument is the tool. The right Jacobian J_r(ξ)
         converts a change of the twist: exp(ξ + dξ) = exp(ξ) exp(J_r dξ). With the rotation R of the frame after ξ, a
         translation e moves the tip by R e; a rotation e turns the tip by R e and moves the tip by (R e) × d, with d the
-        vector from the slot to the tip. With closed loops, the twist is first converted to a twist of the tool slot,
-        the last slot before the instrument.
+        vector from the frame to the tip. With closed loops, the twist is first converted to a twist of the tool frame,
+        the last frame before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)
@@ -108,8 +108,8 @@ class Observed:
 
     @cached_property
     def _by_slots(self) -> list[tuple[slice, int, Array]]:
-        """Components that depend on the frame of a slot, the slot, and derivatives (poses, components, 6) in instrument
-        axes."""
+        """Measured components that depend on a frame of a link, the frame, and derivatives (poses, components, 6) in
+        instrument axes."""
         axes = np.zeros((len(self.tip), 6, 6))
         axes[:, :3, :3] = axes[:, 3:, 3:] = np.swapaxes(self.tips.turn, 1, 2)
         return [
@@ -124,12 +124,12 @@ class Observed:
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
     def registration_sensitivity(self, centre: Array) -> Array:
-        """Return derivatives (poses, components, 6) by a twist of the registration about `centre`, instrument axes."""
+        """Return derivatives (poses, components, 6) of measurements by a twist of the registration about `centre`."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """Return derivatives (poses, components, unknowns) by a step of the unknowns of an observation."""
+        """Return derivatives (poses, components, unknowns) of the measurements by unknowns of their equipment."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out

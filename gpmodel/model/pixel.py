@@ -23,17 +23,17 @@ REWEIGHTED = 10
 """Number of fits of a homography, of the pose of a body, or of a hand-eye transform; each fit reduces the weights of
 outliers of the previous fit."""
 IN_TURN = 20
-"""Number of Gauss-Newton steps for the pose of a body between two weightings."""
+"""Number of Gauss-Newton steps for the pose of a body in a camera view between two updates of the weights."""
 TURNING = 1e-3
-"""Smallest ratio of the second smallest to the largest singular value of a hand-eye problem. With a smaller ratio all
-views rotate about one axis."""
+"""Smallest ratio of the second smallest to the largest singular value of a hand-eye calibration. With a smaller ratio
+all views rotate about one axis."""
 FEWEST_VIEWS = 3
 """Least number of camera views of a board: two rotations about two axes determine a hand-eye transform."""
 
 
 def homography(flat: Array, seen: Array) -> Array:
     """Return the homography (3, 3) from points `flat` (corners, 2) of a board, m, to image points `seen` (corners, 2).
-    The fit is robust to wrong corners. Source: Zhang (2000)."""
+    The fit of the homography is robust to wrong corners. Source: Zhang (2000)."""
     ones = np.ones(len(flat))
     (board, a), (image, b) = _normalised(flat), _normalised(seen)
     source, weight = np.column_stack([board, ones]), ones.copy()
@@ -74,7 +74,7 @@ def lens_from(homographies: list[Array]) -> Array:
 
 
 def flattened(board: Array) -> tuple[Array, Array]:
-    """Return a frame (4, 4) in which the points of a board are in the plane z = 0, and their distances from that
+    """Return a frame (4, 4) in which the points of a board are in the plane z = 0, and the points' distances from that
     plane."""
     middle = board.mean(axis=0)
     axes = np.linalg.svd(board - middle, full_matrices=False)[2]
@@ -85,7 +85,7 @@ def flattened(board: Array) -> tuple[Array, Array]:
 def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
     """Return the pose (4, 4) of a board in the camera frame, from its corners (corners, 3), m, and their directions.
 
-    plane: frame of the plane of a flat board, as `flattened`; None for a body.
+    plane: frame (4, 4) of the plane of a flat board; None for a body.
     """
     if plane is None:
         return _body_pose(board, seen)
@@ -100,8 +100,8 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 def _body_pose(body: Array, seen: Array) -> Array:
     """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
-    The start assumes weak perspective. The translation fits the lines of sight given the rotation; the rotation fits
-    the nearest points on the lines. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
+    The initial pose assumes weak perspective. The translation fits the lines of sight given the rotation; the rotation
+    fits the nearest points on them. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
@@ -126,9 +126,9 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """Return poses B of a board and C of a camera in their carriers, with A B = C T for all views. Source: Shah (2013).
-    moved: A (views, 4, 4), board's carrier in the camera's carrier. seen: T (views, 4, 4), board in the camera.
-    Raises InputError if the views do not determine B and C.
+    """Solve A B = C T over all views for poses B of a board and C of a camera in their links.
+    moved: A (views, 4, 4), board's link in the camera's link. seen: T (views, 4, 4), board in the camera.
+    Raises InputError if the views do not determine B and C. Source: Shah (2013).
     """
     if len(moved) < FEWEST_VIEWS:
         raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
@@ -154,29 +154,29 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
 
 
 def middle_of(frames: Array) -> Array:
-    """Return a mean frame (4, 4) of several frames: the median of the positions, the mean of the rotations."""
+    """Return an average (4, 4) of several frames: the median of the positions, the mean of the rotations."""
     return se3.frame(se3.nearest_rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0))
 
 
 def _trusted(off: Array) -> Array:
-    """Return weights for distances `off`, small for distances far beyond the median."""
+    """Return robust weights for distances `off` of points, small for distances far beyond the median."""
     return np.asarray(1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2))
 
 
 WORLD = -1
-"""Slot number of a camera or board that does not move."""
+"""Frame number of a camera or board that does not move."""
 
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
-"""Least number of corners and of markers in one view. Fewer corners do not determine the pose of a board, and fewer
-markers not the pose of a body if some markers are wrong."""
+"""Least number of a board's corners, and of a body's markers, in one camera view. Fewer corners do not determine the
+pose of a board, and fewer markers not the pose of a body if some markers are wrong."""
 FLAT = 1e-3
 """Largest distance of a board's corners from one plane, as a fraction of its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A camera or a board: its name, and the number of the slot (frame) that carries it, or WORLD."""
+    """A camera or a board: its name, and the number of the frame (slot) that carries it, or WORLD."""
 
     name: str
     slot: int
@@ -184,7 +184,7 @@ class Mounted:
 
 @dataclass(frozen=True, eq=False)
 class Camera(Mounted):
-    """A camera. lens: nine parameters as lens.NAMES, zero if unknown. solved: positions of the estimated parameters."""
+    """A camera with nine lens parameters as lens.NAMES, zero if unknown. solved: positions of estimated parameters."""
 
     lens: Array
     solved: tuple[int, ...]
@@ -192,7 +192,7 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """A board or a body. corners: positions (corners, 3) of corners or markers, m. A view may show some of them."""
+    """A calibration board or body. corners: positions (corners, 3), m, of corners or markers; a view may show a few."""
 
     corners: Array
 
@@ -207,7 +207,7 @@ class Board(Mounted):
 class Pixels:
     """Measured pixels of corners. camera, board: number of camera and board of each row, -1 for no measurement.
 
-    values: (rows, 2), px. corner: point on its board, m. view: number of the view. metres: size of one pixel, m.
+    values: pixels (rows, 2). corner: point on its board, m. view: number of the image. metres: size of one pixel, m.
     """
 
     values: Array
@@ -226,7 +226,7 @@ class Pixels:
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Unknowns of the pixels: poses of cameras and boards, and parameters of the lenses."""
+        """Unknowns of camera measurements: poses of cameras and boards, and parameters of the lenses."""
         out: dict[str, tuple[str, ...]] = {f"camera {c.name}": AXES for c in self.cameras}
         out |= {f"board {b.name}": AXES for b in self.boards}
         return out | {f"lens {c.name}": tuple(lens.NAMES[k] for k in c.solved) for c in self.cameras if c.solved}
@@ -253,11 +253,11 @@ class Pixels:
         return np.where(self.readings, self.values - lens.pixels(seen.points, seen.lens), np.nan)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return zero derivatives: the tool point is not in the image."""
+        """Return derivatives of zero by the tool frame, since the tool point is not in the camera's image."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivatives by the frames of the links that carry a camera or a board."""
+        """Return the derivatives of pixels by the frames of the links that carry a camera or a board."""
         seen, out = self._seen(tips, own), dict[int, Array]()
         change = lens.by_point(seen.points, seen.lens) @ np.swapaxes(seen.camera[:, :3, :3], 1, 2)
         for which, carried, sign in ((self.camera, self.cameras, -1.0), (self.board, self.boards, 1.0)):
@@ -283,13 +283,13 @@ class Pixels:
         return np.concatenate(parts, axis=2)
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return a pose after a twist in its own axes, or the sum of the parameters of a lens and a step."""
+        """Return the pose of a camera or board after a twist in its own axes, or lens parameters plus a step."""
         return value + step if key.startswith("lens ") else turned(value, step)
 
     def start(self, tips: Tips) -> Own:
         """Return initial values in closed form: lenses, poses of the views, then cameras and boards pair by pair.
 
-        Raises InputError if the views do not determine the initial values.
+        Raises InputError if the camera views do not determine the initial values.
         """
         lenses = [self._lens(i, c) for i, c in enumerate(self.cameras)]
         cameras: dict[int, Array] = {}
@@ -314,7 +314,7 @@ class Pixels:
         return out | {f"lens {c.name}": lenses[i][list(c.solved)] for i, c in enumerate(self.cameras) if c.solved}
 
     def depth(self, tips: Tips, own: Own) -> float:
-        """Return the median size of one pixel at the corners, m: the distance of a corner over the focal length."""
+        """Return the median size of one pixel at the board's corners, m: distance of a corner over focal length."""
         seen, rows = self._seen(tips, own), self.readings.all(axis=1)
         return float(np.median(seen.points[rows, 2] / seen.lens[rows, 0]))
 
@@ -351,8 +351,8 @@ class Pixels:
                     yield homography(flat, self.values[rows])
 
     def _posed(self, tips: Tips, pair: tuple[int, int], known: Array) -> tuple[Array, Array]:
-        """Return for each view of a camera and a board two poses (views, 4, 4): the board's carrier in the camera's
-        carrier, and the board in the camera."""
+        """Return for each view of a camera and a board two poses (views, 4, 4): the board's link in the camera's link,
+        and the board in the camera."""
         camera, board = self.cameras[pair[0]], self.boards[pair[1]]
         plane = flattened(board.corners)[0] if board.flat else None
         moved, seen = [], []
@@ -376,8 +376,8 @@ class Pixels:
 
 @dataclass(frozen=True)
 class _View:
-    """Poses of `camera` and `board` in the root frame, (rows, 4, 4); corner in the root frame (`world`) and in the
-    camera frame (`points`), (rows, 3), m; lens parameters (rows, 9)."""
+    """Poses of `camera` and `board` in the root frame, (rows, 4, 4); board corners in the root frame (`world`) and in
+    the camera frame (`points`), (rows, 3), m; lens parameters (rows, 9)."""
 
     camera: Array
     board: Array

@@ -1,4 +1,4 @@
-"""Sites of twists (the base, the drive and other axes of each joint, the tool), and geometric constants."""
+"""Sites of error twists (the base, the drive and other axes of each joint, the tool), and geometric constants."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, s
 
 
 def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
-    """Map names of the loads of one link: `torque_J2_of_J4`, and `torque_J2_of_J4_x` for its first moment of mass."""
+    """Map names of joint torques by one link: `torque_J2_of_J4`, and `torque_J2_of_J4_x` by its first moment."""
     at = {f"torque_{j}": f"torque_{c}" for j, c in columns.items()}
     at |= {f"moment_base_{a}": f"moment_base_{a}" for a in "xy"}
     return {
@@ -51,7 +51,7 @@ def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
 
 
 def translate(text: str, names: Mapping[str, str]) -> str:
-    """Replace whole words of a text, also inside names of columns with memory. `J1` is not found in `J10`."""
+    """Replace whole words of a text, also inside names such as `lag_J1_40`; `J1` does not match in `J10`."""
 
     def said(match: re.Match[str]) -> str:
         word = match[0]
@@ -63,7 +63,7 @@ def translate(text: str, names: Mapping[str, str]) -> str:
 
 
 def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
-    """Map names of joints and loads with J1 to Jn to the mechanism's names, except names of inputs of the poses."""
+    """Map names with J1 to Jn of joints and loads to the mechanism's names, except names of the table's columns."""
     own = [joint.name for joint in mechanism.joints]
     numbered = [f"J{i}" for i in range(1, len(own) + 1)]
     known = {*own, *states.columns}
@@ -71,7 +71,7 @@ def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
 
 
 def in_mechanism_names(effect: Effect, mechanism: Mechanism, states: States) -> Effect:
-    """Return an effect with the mechanism's names in its slots and expressions. Other basis functions are unchanged."""
+    """Return an effect with the mechanism's joint names in its frames and expressions, instead of J1 to Jn."""
     names = mechanism_names(mechanism, states)
     return replace(effect, terms=tuple(_renamed(term, names) for term in effect.terms))
 
@@ -85,36 +85,36 @@ def _renamed(term: Term, names: Mapping[str, str]) -> Term:
 
 @dataclass(frozen=True)
 class Site:
-    """A site at which a twist may act: an axis of a frame, or the drive of a joint, which may move several frames."""
+    """A site at which an error may act: an axis of a frame, or the drive of a joint, which may move several frames."""
 
     terms: tuple[tuple[str, str, float], ...]
 
     @property
     def slot(self) -> str:
-        """Slot (frame of the chain) of the site's first term."""
+        """Frame (slot) of the site's first axis."""
         return self.terms[0][0]
 
     @property
     def axis(self) -> str:
-        """Axis of the site's first term."""
+        """Name of the site's first axis, such as "Rz"."""
         return self.terms[0][1]
 
     @property
     def name(self) -> str:
-        """Name of the site: slot and axis."""
+        """Name of the site: names of frame (slot) and axis."""
         return f"{self.slot} {self.axis}"
 
     def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
-        """Return an effect at this site with one coefficient in `unit`."""
+        """Return an error effect at the site with one coefficient in `unit`."""
         return Effect(name, tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms), unit, family)
 
 
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
-    """Return the sites of a mechanism: the base, every joint, the tool.
+    """Return the sites of a mechanism at which errors may act: the base, every joint, the tool.
 
     The sites of a joint are its drive, the other axes of its moving frame, and the axes of its fixed frame that differ
-    from those of the previous frame. A link that follows other joints has the axes of its moving side. With closed
-    loops, the sites are those of the geometric constants, not of the joints.
+    from those of the previous frame. A link that other joints move (coupled) has the axes of its moving side. With
+    closed loops, the sites are those of the geometric constants, not of the joints.
     """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
     if loops := closed(mechanism):
@@ -133,8 +133,8 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
 
 
 def _is_new(step: Array, axis: str) -> bool:
-    """Return whether a twist along an axis of a frame is along no axis of the previous frame. step: transform (4, 4)
-    from the previous frame."""
+    """Return whether an axis of a frame is the axis of no twist of the previous frame. step: transform (4, 4) from the
+    previous frame."""
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
     return int(np.sum(np.abs([*along, *turned]) > ROUNDING)) > 1
@@ -144,8 +144,8 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
     """Return the complete geometry, with redundant constants: six twists on the moving side of every joint, then of
     every link that follows other joints, such as the wrist of a palletiser.
 
-    With closed loops, the mechanism states its constants. With several arms, each arm except the first has six more
-    twists at its mounting.
+    With closed loops, the mechanism states its constants. With several robot arms, each arm except the first has six
+    more twists at its mounting.
     """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in mounting_slots(tree)] if tree else []
@@ -158,7 +158,7 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
 
 
 def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> tuple[Effect, ...]:
-    """Return the geometric effects whose name (`J3 Ty`) matches any of the patterns; none for the single pattern
+    """Return the geometric constants whose name (`J3 Ty`) matches any of the patterns; none for the single pattern
     `none`.
 
     patterns: shell patterns over NAME AXIS, with J1..Jn for the joints' own names. Raises InputError for a pattern
@@ -179,7 +179,7 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
 
 
 def _aliases(name: str, mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the name of a constant, also with J1..Jn for its joint. Links of closed loops may belong to no joint."""
+    """Return the names of a geometric constant: its name, and its name with J1..Jn instead of the joint's name."""
     place, axis = name.rsplit(" ", 1)
     names = [joint.name for joint in mechanism.joints]
     at = (i for i, n in enumerate(names) if place == n or place.startswith(f"{n}."))

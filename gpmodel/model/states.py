@@ -1,4 +1,4 @@
-"""States: named columns with units, one value per pose, that a basis function may use."""
+"""States: named columns with units, one value per pose, that are inputs of basis functions."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +24,7 @@ UNITS = {"range": "m", "azimuth": "rad", "elevation": "rad", "x": "m", "y": "m",
 
 
 def seen_columns(points: Array) -> dict[str, Array]:
-    """Return the columns instrument_range, _azimuth, _elevation, _x, _y, _z of points (poses, 3), m."""
+    """Return columns of the instrument (range, azimuth, elevation, x, y, z) for points (poses, 3), m."""
     x, y, z = points.T
     flat = np.hypot(x, y)
     values = (np.hypot(flat, z), np.arctan2(y, x), np.arctan2(z, flat), x, y, z)
@@ -33,9 +33,9 @@ def seen_columns(points: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The measured points (poses, 3) of a whole table in the frame of its instrument, m; NaN if unmeasured.
+    """The measured points (poses, 3) of a whole table in the frame of its instrument, m; NaN for unmeasured values.
 
-    specification: accuracy of the instrument, None if unknown.
+    specification: stated accuracy of the instrument, None if unknown.
     """
 
     points: Array
@@ -43,17 +43,17 @@ class Seen:
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """Columns of the instrument by name. A point with unmeasured coordinates is replaced by the median point."""
+        """Range, azimuth, elevation, x, y, z by name. The median point replaces a point with unmeasured coordinates."""
         whole: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
         middle = np.median(self.points[whole], axis=0) if whole.any() else np.zeros(3)
         return seen_columns(np.where(whole[:, None], self.points, middle))
 
     def column(self, name: str) -> Array | None:
-        """Return the column of the instrument named `name`, or None."""
+        """Return a column of the instrument (such as `instrument_range`) by its name, or None."""
         return self.columns.get(name) if name.startswith(PREFIX) else None
 
     def unit(self, name: str) -> str:
-        """Return the unit of a column of the instrument, m or rad."""
+        """Return the unit, m or rad, of a column of the instrument such as `instrument_range`."""
         return UNITS[name.removeprefix(PREFIX)]
 
 
@@ -61,9 +61,9 @@ class Seen:
 class Derived:
     """Columns that one function computes for a whole table, on first use.
 
-    made: function that returns the columns by name.
+    made: function that computes all columns, by name.
     known: function that returns whether a name may be a derived column.
-    unit: function from a name to its unit. All three functions are pickled for worker processes and must therefore
+    unit: function from a column's name to its unit. All three functions are pickled for worker processes and therefore
     belong to a module.
     """
 
@@ -100,7 +100,7 @@ def _unit_of_weight(name: str) -> str:
 
 
 def ball_angles(mechanism: Mechanism, q: Array) -> Derived | None:
-    """Return the angles of the balls of a mechanism, rad, that are not in the table; None without balls."""
+    """Return the angles of a mechanism's ball joints, rad, that are not in the table; None without ball joints."""
     jointed = ball_jointed(mechanism)
     if jointed is None:
         return None
@@ -131,7 +131,7 @@ def measured_torque(dataset: Dataset, column: str) -> Array:
 
 
 def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
-    """Yield one sentence for every column of torques that is not used as the load of a joint."""
+    """Yield one warning for every torque column of a table that is not used as the load of a joint."""
     of_joints = {column: joint for joint, column in torque_columns(mechanism, dataset)}
     for column, unit in dataset.extra_units.items():
         if column not in of_joints and _SPELLED.match(column) and torque_factor(unit):
@@ -164,7 +164,7 @@ PAYLOAD_SHARE = "payload_"
 
 @dataclass(frozen=True)
 class States:
-    """Columns of the poses by name, one value per pose, and their units.
+    """Inputs of basis functions: columns of the poses by name, one value per pose, and their units.
 
     Listed in `columns`: joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the loads of the
     mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (torque of the payload alone, if it varies),
@@ -173,7 +173,7 @@ class States:
     Computed on demand and not listed: columns with memory (`past`), torques of each link (`weights`), the point in the
     frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a constant payload (`carried`).
 
-    past: the whole table, if its rows are in the order of measurement.
+    past: columns of the whole table, if its rows are in the order of measurement.
     rows: row numbers in the whole table, so that a subset remembers poses outside the subset.
     loads: columns that are loads of the mechanism, computed or measured.
     """
@@ -239,13 +239,13 @@ class States:
         return "rows" if self.past.clock == "row" else self.units[self.past.clock]
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """Return the states at some poses. Columns with memory still depend on the whole table."""
+        """Return the columns at some poses. Columns with memory still depend on the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
         return replace(self, columns=columns, rows=taken)
 
     def seen_at(self, points: Array) -> "States":
-        """Return the states with the columns of the instrument computed from points (poses, 3) in its frame, m."""
+        """Compute the columns of the instrument (range, azimuth, ...) from points (poses, 3) in its frame, m."""
         return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":
@@ -273,12 +273,12 @@ class Between:
 
 
 def load_unit(name: str) -> str:
-    """Return the unit of a load from the prefix of its name: N for forces, Nm for torques and moments."""
+    """Return the unit of a load from the prefix of its column's name: N for forces, Nm for torques and moments."""
     return "N" if name.startswith("force_") else "Nm"
 
 
 def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
-    """Return the number of the slot that carries the measured tip of each row; for several chains by the label `tip`.
+    """Return the number of the frame that carries the measured tip of each row; for several chains by the label `tip`.
 
     Raises InputError for an unknown tip.
     """
@@ -296,7 +296,7 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
     """Return all columns that a basis function may use for the poses of `dataset`.
 
-    same: states of equal poses with approximate joint values, whose memory of a whole table is kept. Raises InputError
+    same: columns of equal poses with approximate joint values, whose columns with memory are reused. Raises InputError
     for a column of the table with the name of a computed column.
     """
     columns: dict[str, Array] = {}
@@ -346,7 +346,7 @@ def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array])
     """Return the joint torques of the payload alone, without the torques of the links.
 
     If the payload varies, the torques of the payload are listed columns. If the payload is constant, the torques are
-    derived on demand, for a model that was fitted with varying payloads.
+    computed on demand, for a model that was fitted with varying payloads.
     """
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]
@@ -356,7 +356,7 @@ def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array])
 def _remembering(
     columns: dict[str, Array], units: dict[str, str], mechanism: Mechanism, dataset: Dataset, same: States | None
 ) -> States:
-    """Return the states of a table, with the columns of `memory.standing` if its rows are in order."""
+    """Add columns with memory (`memory.standing`) to the columns of a table whose rows are in order."""
     if same:
         past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:

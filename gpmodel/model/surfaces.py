@@ -1,6 +1,6 @@
-"""Surfaces that a tool may touch: a plane, a sphere, a line, a point, and the distance to each.
+"""Surfaces that a tool may touch: a plane, a sphere, a line, a point, and the distance to each of them.
 
-In its own frame, a plane is z = 0, a line the z axis, a sphere is about the origin, and a point the origin.
+In the frame of the surface, a plane is z = 0, a line the z axis, a sphere is about the origin, a point the origin.
 """
 
 from collections.abc import Callable
@@ -14,8 +14,8 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
-"""Least ratio of the width of the touches across a line to their length. With a smaller ratio, the rotation of a plane
-about the line is unknown."""
+"""Least ratio of width to length of the region that touches of a plane cover. With a smaller ratio, the rotation of the
+plane about the long direction is unknown."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Surface:
     axes: numbers of the observable twists of the surface's frame.
     gap: function from points (points, 3) in the surface's frame to gaps, m; for a sphere the distance to its centre.
     slope: function from points to the derivatives (points, gaps, 3) of the gaps.
-    place: function from touches (touches, 3) in the root and the radius, NaN if unknown, to frame (4, 4) and radius.
+    place: function from touches (touches, 3) in the root and radius (NaN if unknown) to frame (4, 4) and radius, m.
     """
 
     needs: int
@@ -107,4 +107,4 @@ SURFACES = {
     "on_line": Surface(2, (0, 1, 3, 4), _across, partial(_everywhere, np.eye(3)[:2]), _place_line),
 }
 """Kinds of surfaces by the column of the table with the name of the touched surface; "point" is a shared point, "end"
-an end of a bar, along its z axis."""
+an end of a bar along the z axis."""

@@ -1,11 +1,11 @@
 """Touches of objects at unknown positions by the tool point: surfaces, a shared point, the two ends of a bar.
 
-A body has one unknown pose S in the root frame. A feature is a surface with pose F in a body. With the tool point p and
-y = (S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
+A touched body has one unknown pose S in the root frame. A feature is a surface with pose F in a body. With the tool
+point p and y = (S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
 
 A bar of length L is touched at both ends, p1 and p2. The bar is taken to lie on the line through the touches, centred
-on their middle. The gap at each end is (|p2 - p1| - L) / 2 along the bar. Only the position of a bar along this line
-is an unknown of the linear problem.
+on their middle. The gap at each end is (|p2 - p1| - L) / 2 along the bar. Only the position of a bar along the line
+through its touches is an unknown of the linear problem.
 """
 
 from collections.abc import Mapping
@@ -29,9 +29,9 @@ from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 class Feature:
     """A surface fixed to a body.
 
-    surface: key of SURFACES.
+    surface: kind of surface, a key of SURFACES.
     frame: pose (4, 4) of the surface in the body.
-    radius: radius, m; NaN if unknown.
+    radius: radius of the surface, m; NaN if unknown.
     """
 
     surface: str
@@ -47,7 +47,7 @@ class Feature:
 
 @dataclass(frozen=True, eq=False)
 class Artefact:
-    """A rigid body with one unknown pose.
+    """A rigid body with one unknown pose that the tool touches.
 
     name: key of the body's unknowns.
     axes: numbers of the observable twists of the body's frame.
@@ -70,7 +70,7 @@ class Artefact:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of the body's unknowns: observable twists of its frame, and the radius if it is estimated."""
+        """Names of a touched body's unknowns: observable twists of its frame, and the radius if it is estimated."""
         return (*(AXES[axis] for axis in self.axes), *(("radius",) if self.sized else ()))
 
 
@@ -89,7 +89,7 @@ class Touches(OfTip):
 
     @cached_property
     def components(self) -> int:
-        """Largest number of gap components of the touched surfaces."""
+        """Largest number of components of the gap between tool point and touched surface."""
         each = (int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
         return max(each, default=0)
 
@@ -100,7 +100,7 @@ class Touches(OfTip):
 
     @cached_property
     def readings(self) -> Mask:
-        """Mask of the measured gap components, (rows, components)."""
+        """Mask (rows, components) of the measured gap components between tool point and surface."""
         out = np.zeros((len(self.body), self.components), dtype=bool)
         for shape, rows in self._rows:
             out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True
@@ -117,7 +117,7 @@ class Touches(OfTip):
         return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
 
     def subset(self, rows: IntArray) -> "Touches":
-        """Return the touches of some rows, without bars of which only one end was touched in these rows."""
+        """Return the touches of some rows, without bars of which only one end is touched in the selected rows."""
         body = self.body[rows]
         ends = np.bincount(body[body >= 0], minlength=len(self.bodies))
         half = [i for i, b in enumerate(self.bodies) if b.is_bar and ends[i] == 1]
@@ -164,8 +164,8 @@ class Touches(OfTip):
         return out
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the pose of a body after a twist of its axes, and the sum of radius and step. A bar is unchanged,
-        because its pose follows from its touches."""
+        """Return the pose of a touched body after a twist of its axes, and the sum of radius and step. The pose of a
+        bar is unchanged, because it follows from the bar's touches."""
         body = self._by_name[key]
         if body.is_bar:
             return value
@@ -178,7 +178,7 @@ class Touches(OfTip):
         return {body.name: body for body in self.bodies}
 
     def start(self, tips: Tips) -> Own:
-        """Return initial poses of the bodies: in closed form, or for several features by least squares."""
+        """Return initial poses of the touched bodies in closed form, or for several surfaces by least squares."""
         points = tips.root[:, :3, 3]
         return {body.name: self._placed(i, body, points) for i, body in enumerate(self.bodies)}
 
@@ -215,8 +215,8 @@ class Touches(OfTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Number of each row's feature among the features of all bodies; poses of the features in their bodies, and
-        known radii."""
+        """Number of each row's touched surface among the surfaces of all bodies; poses of the surfaces in their bodies,
+        and known radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)
@@ -225,7 +225,7 @@ class Touches(OfTip):
 
     @cached_property
     def _bars(self) -> tuple[IntArray, IntArray, Array]:
-        """Numbers of the bars, the rows (bars, 2) of their ends, and half of their lengths, m."""
+        """Numbers of the touched bars, the rows (bars, 2) of their ends, and half of their lengths, m."""
         bars = np.array([i for i, body in enumerate(self.bodies) if body.is_bar], dtype=np.int64)
         rows = np.full((len(self.bodies), 2), -1)
         touched = np.flatnonzero(self.body >= 0)
@@ -233,7 +233,7 @@ class Touches(OfTip):
         return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
 
     def _poses(self, points: Array, own: Own) -> Array:
-        """Return the poses (bodies, 4, 4) of the bodies. A bar is on the line of its touches, in their middle."""
+        """Return the poses (bodies, 4, 4) of touched bodies. A bar is on the line of its touches, in their middle."""
         numbers = np.array([own[body.name][:6] for body in self.bodies])
         poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
         poses[:, :3, 3] = numbers[:, :3]
@@ -248,8 +248,8 @@ class Touches(OfTip):
 
 @dataclass(frozen=True)
 class _Gaps:
-    """Geometry of each touch. frames, within: pose of the feature in the root and in its body. in_body, points: tool
-    point (3,) in the body and in the feature, m. radius: radius, m."""
+    """Geometry of each touch. frames, within: pose of the touched surface in the root and in its body. in_body, points:
+    tool point (3,) in the body and in the surface's frame, m. radius: radius, m."""
 
     frames: Array
     within: Array
@@ -271,7 +271,7 @@ def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:
 
 
 def _fitted(body: Artefact, feature: IntArray, points: Array) -> Array:
-    """Return the six pose parameters of a body with several touched features: the best fit from the 24 rotations of a
+    """Fit the six pose parameters of a body with several touched surfaces, starting from each of the 24 rotations of a
     cube."""
     kinds = [(f, points[feature == k]) for k, f in enumerate(body.features) if (feature == k).any()]
     middle = points.mean(axis=0)

@@ -1,1 +1,1 @@
-"""Measured tables: reading, units, held-out poses and folds, writing."""
+"""Measured tables of poses: reading, units, held-out poses, cross-validation folds, writing."""

@@ -21,31 +21,31 @@ twenty poses in a small box the ratio is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
-clusters. The number is constant for clusters and doubles for poses along a line."""
+clusters. The number of pairs is constant for clusters and doubles for poses along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
 """Difference of joint values, rad or m, above which rows with one `repeat` label are no repeats: 0.3 deg moves a tool
 by millimetres."""
 
 FAR_POINT = 0.05
-"""Distance, m, above which two points were not measured at one pose: no play or slip is as large."""
+"""Distance, m, above which two measured points belong to different poses: no play or slip is as large."""
 
 FEWEST_POSES = 20
-"""Least number of poses for a search for clusters. With fewer poses, a gap between distances is chance."""
+"""Least number of poses for a search for clusters of poses. With fewer poses, a gap between distances is chance."""
 
 FEW_TOUCHES = 12
 """Largest number of touches of one surface, point or bar that form one block, because all touches are needed to locate
 the object. With more touches, any half of the touches locates the object."""
 
 SAMPLE = 50
-"""Number of poses that are searched for clusters first, so that a large table without clusters is recognised early."""
+"""Number of poses that are first searched for clusters, so that a large table without clusters is recognised early."""
 
 
 def repeat_blocks(dataset: Dataset) -> IntArray:
     """Return the number of the block ("bundle") of each row, from 0.
 
-    A block is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a block.
-    A group that contains all rows is ignored, such as the only training session if another is held out. Rows that
+    No division into folds or held-out poses separates a block. Rows with equal `group` or `repeat` labels form a block.
+    A `group` label of all rows is ignored, such as the only training session if another session is held out. Rows that
     touched one point, bar or surface with at most FEW_TOUCHES touches form a block. Rows whose joint values agree
     within SAME_JOINT or lie in one cluster form a block, for any set-up and payload. Blocks are numbered by joint
     values, so that the order of rows does not matter.
@@ -64,7 +64,7 @@ def repeat_blocks(dataset: Dataset) -> IntArray:
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     """Return a number for each row, equal for repeated measurements at one pose, payload, set-up and tool.
 
-    whatever: True to treat rows of different measurements and set-ups as equal.
+    whatever: True to number equally also rows that differ in measurement or set-up.
     Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
     number, unless joint values are approximate. A row that copies the measurement of another row gets a new number.
     """
@@ -75,7 +75,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number for each row, equal for rows with one label or pose; with `whatever`, also for copies."""
+    """Return a number for each row, equal for rows with a common label or pose; with `whatever`, also for copies."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
@@ -85,7 +85,7 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def poses_of_tips(dataset: Dataset) -> IntArray:
-    """Return a number for each row, equal for rows of different tips of a mechanism of several arms at one pose."""
+    """Return the number of the pose of each row of a mechanism with several arms, whose tips have separate rows."""
     same = _same_joints(dataset.q)
     alike = numbered(np.column_stack([same, dataset.codes("tip")[1]]))
     order = np.argsort(alike, kind="stable")
@@ -95,12 +95,12 @@ def poses_of_tips(dataset: Dataset) -> IntArray:
 
 
 def numbered(keys: Array | IntArray) -> IntArray:
-    """Return a number for each row of keys, equal for rows in which all keys are equal."""
+    """Return a number for each row of a table of keys, equal for rows in which all keys are equal."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def different_poses(dataset: Dataset) -> int:
-    """Return the number of different poses: fewer than rows if poses are repeated or have several markers."""
+    """Return the number of different poses, less than the rows if poses are repeated or have several markers."""
     return int(replicates(dataset, whatever=True).max(initial=-1)) + 1
 
 
@@ -113,8 +113,8 @@ def different_readings(dataset: Dataset) -> Dataset:
 def sharing(dataset: Dataset) -> IntArray:
     """Return a number for each row, equal for rows with correlated errors (a shared deviation from any model).
 
-    Errors are correlated within a cluster of poses, or within one pose if poses do not lie in clusters, for one set-up
-    and tool and any payload.
+    Errors are correlated within a cluster of poses, or within one pose if there are no clusters, for one set-up and
+    tool and any payload.
     """
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
@@ -170,7 +170,7 @@ def check_repeats(dataset: Dataset) -> None:
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
     """Return for each row the number of the first row with equal text in a column.
-    A row without text, or with a text that more than `most` rows have, is its own first row."""
+    A row without text, or with a text that more than `most` rows have, is numbered as itself."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
     return np.where((labels == "") | (count[code] > most), np.arange(len(labels)), first[code]).astype(np.int64)
@@ -179,7 +179,7 @@ def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray
 def _same_joints(q: Array) -> IntArray:
     """Return for each row the number of the first row of its pose: the earliest row within SAME_JOINT in every joint.
 
-    Rows are compared with the first row of the pose, not with the neighbouring row, so that a slow motion is not one
+    Rows are compared with the first row of a pose, not with the neighbouring row, so that a slow motion is not one
     pose.
     """
     _, first, code = np.unique(q, axis=0, return_index=True, return_inverse=True)
@@ -198,7 +198,7 @@ def _same_joints(q: Array) -> IntArray:
 
 
 def _clusters(q: Array) -> IntArray:
-    """Return for each row the number of the first row of its cluster; all rows are alone if poses are not in clusters.
+    """Return for each row the number of the first row of its cluster of poses, or its own number without clusters.
 
     Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
@@ -233,7 +233,7 @@ def copies(dataset: Dataset) -> Mask:
 
 def original(dataset: Dataset) -> IntArray:
     """Return for each row the first row with equal joint values, labels and measurement, to the last digit.
-    A row without measured values is its own first row."""
+    A row without measured values gets its own number."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
     labels = [dataset.codes(column)[1] for column in ("tool", *READ)]
@@ -256,12 +256,12 @@ FEWEST_HELD, USUAL = 5, 0.3
 all poses improve."""
 
 FOLDS = 5
-"""Number of folds of a cross-validation that repeats a whole fit or search. Each repetition uses 80 % of the poses
-(Hastie et al. 2009, 7.10)."""
+"""Number of folds of a cross-validation that repeats a whole fit or search. Each fit uses 80 % of the poses (Hastie et
+al. 2009, 7.10)."""
 
 JUDGED = 0
-"""Random seed of every split, fold and permutation that tests a search. The seed is independent of the seed of the
-search, so that held-out poses do not depend on the seed of the search (experiments/seeds)."""
+"""Random seed of every split, fold and permutation that tests a search. Held-out poses therefore do not depend on the
+user's seed of the search (experiments/seeds)."""
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
@@ -296,7 +296,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
 
 
 def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
-    """Return the fold of each row for cross-validation; blocks of rows are not split, folds have nearly equal size."""
+    """Return the cross-validation fold of each row; blocks of rows are not split, folds have nearly equal size."""
     of_pose = repeat_blocks(dataset)
     n = int(of_pose.max()) + 1
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
@@ -305,6 +305,6 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Return the part of each value of `row`, if the sorted values are divided into `count` nearly equal parts."""
+    """Divide row numbers into `count` nearly equal stretches; return the number of each row's stretch."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

@@ -24,14 +24,14 @@ from gpmodel.table.units import joint_column, split_header
 from gpmodel.texts import read_limited
 
 _DIGITS = {"deg": 9, "rad": 11}
-"""Number of decimals of a written angle: the last digit is a nanoradian or finer."""
+"""Number of decimals of an angle in an output file: the last digit is a nanoradian or finer."""
 CONTROLLER_DECIMALS = 4
-"""Decimals of a degree or a millimetre that a robot controller accepts."""
+"""Number of decimals of a degree or a millimetre that a robot controller accepts."""
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
     """Return a data set as text cells with units in the headers: joints, inputs, payload, labels and measurements.
-    The units are [deg], [mm] and [kg]; a component that was not measured is an empty cell."""
+    The units of the cells are [deg], [mm] and [kg]; a component that was not measured is an empty cell."""
     names = tuple(joint.name for joint in mechanism.joints)
     frame = replace(dataset, columns=names, kinds=tuple(joint.kind for joint in mechanism.joints), extra_names={})
     cells = frame.to_dataframe().drop(columns="row")
@@ -47,14 +47,14 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
 def with_results(
     frame: pd.DataFrame, results: Mapping[str, Array | list[str]], prefixes: tuple[str, ...]
 ) -> pd.DataFrame:
-    """Add computed columns by header. Columns of an earlier run with the same names or with `prefixes` are replaced."""
+    """Add computed columns to a table. Columns with equal names or with `prefixes`, of an earlier run, are replaced."""
     names = {split_header(header)[0] for header in results}
     old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
     return frame.drop(columns=old).assign(**results)
 
 
 def joint_table(mechanism: Mechanism, q: Array, names: Sequence[str] = ()) -> pd.DataFrame:
-    """Return joint values, rad or m, as a table of poses with units in the headers.
+    """Write joint values, rad or m, as a table of poses with units in the headers.
     names: column names, by default the names of the joints."""
     columns = zip(names or [joint.name for joint in mechanism.joints], mechanism.joints, q.T, strict=True)
     return pd.DataFrame(dict(joint_column(name, joint.kind, values) for name, joint, values in columns))
@@ -77,32 +77,32 @@ def _cells(values: np.ndarray, digits: int) -> list[str]:
 
 
 LARGEST = 1e20
-"""Largest accepted number in a cell, in any unit. A time in nanoseconds since 1970 is smaller."""
+"""Largest accepted number in a table's cell, in any unit. A time in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
 """Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Largest number of columns of a table. Reading time grows with the number of columns; a model accepts 500 inputs."""
+"""Largest number of columns of a table. The reading time grows with this number; a model accepts 500 inputs."""
 LONGEST_HEADER = 100_000
-"""Largest number of characters of the first line of a file: a hundred per column."""
+"""Largest number of characters of the first line of a table file: a hundred per column."""
 
 MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
-"""Texts of cells that mean "not measured"."""
+"""Texts in cells of a table that mean "not measured"."""
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
-"""Prefixes of comment lines. No column name begins with one of these prefixes."""
+"""Prefixes of comment lines in table files. No column name begins with such a prefix."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
-"""Number of lines in which the header line is searched, and least number of units in a header line: x, y and z have
-three."""
+"""Number of lines of a file in which the header is searched, and least number of units in the header: those of x, y,
+z."""
 SEPARATORS, OF_TABLES = ("\t", ";", ",", "|", " "), ("\t", ";", ",")
 """Separators of columns in files of any layout, and in tables whose column names contain blanks."""
 FEWEST_NUMBERS = 3
-"""Least number of numeric cells in a line of data: x, y and z are three."""
+"""Least number of numeric cells in a line of a file that counts as data: x, y and z."""
 SNIFFED = 300
-"""Number of lines from which separator and decimal sign are recognised."""
+"""Number of lines of a file from which column separator and decimal sign are recognised."""
 _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
@@ -110,7 +110,7 @@ _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 _POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?$")
 _COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?$")
 _GROUPED = {".": re.compile(r"\d[, ]\d{3}"), ",": re.compile(r"\d[. ]\d{3}")}
-"""Pattern of thousands by decimal sign."""
+"""Pattern of a number with thousands separators, by decimal sign."""
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
@@ -141,9 +141,9 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
 
 def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
-    """Return the cells of each sheet with numbers of an Excel file, else of the first sheet, row by row.
+    """Return the cells of each Excel sheet that holds numbers, else of the first sheet, row by row.
 
-    Empty cells are "". Decimal commas become points. Raises InputError if the file is unreadable.
+    Empty Excel cells become "", decimal commas become points. Raises InputError if the file is unreadable.
     """
     try:
         _check_unpacked(raw, path)
@@ -175,8 +175,8 @@ def _check_unpacked(raw: bytes, path: Path) -> None:
 
 def decoded(raw: bytes, path: Path) -> tuple[str, str]:
     """Return the text of a file and its encoding: UTF-8, UTF-16, Windows-1252 or Latin-1.
-    UTF-16 is recognised by its byte order mark or by zeros in every other byte. Raises InputError if the file is not
-    text."""
+    UTF-16 text is recognised by its byte order mark or by zeros in every other byte. Raises InputError if the file is
+    not text."""
     wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
     start = raw[:200]
     if wide is None and len(start) > 9 and start[1::2].count(0) > 0.9 * len(start) // 2:
@@ -203,8 +203,8 @@ def split(line: str, separator: str) -> list[str]:
 
 def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
     """Choose the separator and the decimal sign that give most numbers in lines with equal numbers of cells.
-    Of equally good pairs, the most frequent separator in the first line is chosen, then the sign with the fewest
-    thousands: 126,983 between semicolons is no 126983."""
+    Of equally good pairs of separator and sign, the most frequent separator in the first line is chosen, then the sign
+    with the fewest thousands separators: 126,983 between semicolons is no 126983."""
     lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
     best = (-1, -1, 0, ",", ".")
     for separator in among:
@@ -254,7 +254,7 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
 
 
 def _header_line(text: str) -> str:
-    """Return the expected first line, and the number of the line with names and units if such a line is found below."""
+    """Return the expected first line of a table, and the number of a lower line that has names and units, if any."""
     first = (i for i, line in enumerate(text.splitlines()[:MOST_ABOVE], 1) if len(_UNIT.findall(line)) >= FEWEST_UNITS)
     line = next(first, 0)
     return f"{NAMES}; line {line} has them, delete those above it" if line > 1 else NAMES
@@ -262,7 +262,7 @@ def _header_line(text: str) -> str:
 
 def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:
     """Raise InputError if the file was cut within its last row.
-    In a cut file the last line has fewer cells, or the last cell has fewer decimals than all rows above."""
+    In a truncated file the last line has fewer cells, or its last cell fewer decimals than all rows above."""
     decimals = frame.iloc[:, -1].str.extract(r"^[^.,]*[.,]?(.*)$")[0].str.len()
     shorter = decimals.iloc[:-1].nunique() == 1 and decimals.iloc[-1] < decimals.iloc[0]
     if shorter or last[1].count(separator) < last[0].count(separator):
@@ -281,16 +281,16 @@ def _check_names(header: list[str], path: Path) -> None:
 
 
 _TIME_OF_DAY = r"(?i)\s*\d{1,2}:\d\d(:\d\d([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*"
-"""A time without a date."""
+"""Pattern of a clock time without a date, such as 12:30:05."""
 HALF_A_DAY = 43200.0
-"""Half a day, s."""
+"""Half a day, s: clock times that fall by more pass midnight."""
 
 
 def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
-    """Return clock times of cells, with or without dates, as seconds after the first time; None for other cells.
+    """Convert clock times in cells, with or without dates, to seconds after the first time; None for other cells.
 
     Times without dates continue past midnight if they never fall by less than half a day from a row to the next. Dates
-    with slashes are read only if all dates are equal, because the order of day and month differs between countries.
+    with slashes are read only if all are equal, because the order of day and month differs between countries.
     """
     known = cells.dropna().astype(str)
     if known.empty or not known.str.contains(r"\d:\d\d").all():
@@ -309,8 +309,8 @@ def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
 
 
 def numbers(column: pd.Series, where: str) -> Array:
-    """Return the cells of a column as numbers, NaN where empty.
-    Raises InputError naming `where` for other cells, LayoutError for cells that an import can read."""
+    """Convert the cells of a column to numbers, NaN for empty cells.
+    Raises InputError naming `where` for cells that are no numbers, LayoutError for cells that an import can read."""
     text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")
     unread = np.flatnonzero((values.isna() & text.notna()).to_numpy())

@@ -1,4 +1,4 @@
-"""Dataset: the measured table as immutable rows of poses in SI units."""
+"""Dataset: the measured table as immutable rows of poses, in SI units."""
 
 import math
 import re
@@ -22,7 +22,7 @@ EXPECTED = (
     "as in '15um + 6um/m'"
 )
 COVERAGE = 2.0
-"""Ratio of a specified limit to the standard deviation. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
+"""Ratio of a specified limit to the standard deviation. Source: JCGM 100 (2008), 6.2, k = 2."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Specification:
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
     def at(self, points: Array) -> float:
-        """Return the permissible error of a coordinate at the RMS distance of points, m, from the instrument, m."""
+        """Return the permissible error of a coordinate, m, at the RMS distance of points, m, from the instrument."""
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:
@@ -70,19 +70,19 @@ def specification(text: str) -> Specification:
 
 
 TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
-"""Label columns that name the object that the tool point touched."""
+"""Table columns with the name of the object that the tool point touched."""
 
 READ = (*TOUCHED, "camera", "marker", "link", "tip")
-"""Label columns that name the object of a measurement. Rows with different objects are not repeats."""
+"""Table columns with the name of the measured object. Rows with different objects are not repeats."""
 
 LABELS = ("group", "repeat", "setup", "tool", *READ)
 
 READINGS = {"u": "px", "v": "px", "length": "m", "inclination_x": "rad", "inclination_y": "rad"}
-"""Columns of instruments that do not measure points, and their units in a Dataset."""
+"""Table columns of instruments that do not measure points (pixels, inclinations, lengths), and their SI units."""
 
 
 class Readings(Protocol):
-    """Measurements of several poses for which a Dataset has no columns: a gpmodel.model.observation.Observation."""
+    """Interface of measurements other than points, orientations and distances; see gpmodel.model.observation."""
 
     def subset(self, rows: IntArray) -> "Readings":
         """Return the measurements at some poses."""
@@ -98,11 +98,11 @@ class Dataset:
     row: number of the data row in the file, from 1.
     payload: mass at the tool, kg; payload_given: True if the table has a payload column.
     distances: measured distances, m, by name.
-    readings: columns named in READINGS.
-    described: content of the files of cameras, boards and surfaces, by "cameras", "board" and "surfaces".
+    readings: columns of instruments such as cameras, by name.
+    described: content of the description files, by "cameras", "board" and "surfaces".
     observations: measurements other than points, poses and distances.
-    labels: text of each row, "" where empty, by column.
-    extras: further columns by name, in `extra_units`; extra_names: names of these columns in the table.
+    labels: text of each row by label column, "" for an empty cell.
+    extras: further columns by name, in `extra_units`; extra_names: their names in the table.
     sha256: digest of the bytes of the file.
     columns: names of the joints in the table, if the names in the mechanism differ.
     kinds: kind of each joint (revolute or prismatic), "revolute" if empty.
@@ -187,11 +187,11 @@ class Dataset:
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
-        """Return the text of each row in a label column, "" if the table has no such column."""
+        """Return the text of each row in a label column such as `setup`, "" if the table lacks the column."""
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
-        """Return the distinct labels of a column in order of appearance, and for each row the number of its label."""
+        """Return the distinct texts of a label column in order of appearance, and the number of each row's text."""
         if column not in self.labels:
             return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)
@@ -218,7 +218,7 @@ class Dataset:
 
 
 SAME_MASS = 1e-9
-"""Largest relative difference of two equal masses: nine written digits."""
+"""Largest relative difference of two masses that count as equal: nine written digits."""
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
@@ -236,7 +236,7 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
 
 
 def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
-    """Return a table of joint values q, rad or m, without measurements. payload: kg for each pose, by default zero."""
+    """Make a table of joint values q, rad or m, without measurements. payload: kg for each pose, by default zero."""
     count = len(q)
     missing = np.full((count, 3), np.nan)
     return Dataset(

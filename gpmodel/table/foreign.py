@@ -1,4 +1,4 @@
-"""Import of measured files of other programs: a map of columns converts a file to a table for gpmodel."""
+"""Import of measured data from other programs: a map of columns converts a file to a table for gpmodel."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -23,10 +23,10 @@ from gpmodel.texts import read_toml
 
 @dataclass(frozen=True)
 class Imported:
-    """The result of an import of a file.
+    """The result of importing a file of another program.
 
     content: a table of text cells, the text of a mechanism's file, or the content of a TOML file of cameras.
-    described: content of further TOML files, by "cameras" and "board".
+    described: content of TOML files of cameras and of boards, by "cameras" and "board".
     left_out: parts of the file that were not imported, each with the reason.
     """
 
@@ -43,7 +43,7 @@ def left_out(what: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where: str) -> dict[str, list[str]]:
-    """Return joint columns with units, from values by joint name, rad and m.
+    """Return table columns of joint values with units, from values by joint name, rad and m.
 
     Raises InputError if a joint or the mechanism is missing; the mechanism defines which joints are prismatic.
     """
@@ -63,12 +63,12 @@ def surplus_joints(mechanism: Mechanism | None, names: Iterable[str]) -> tuple[s
 
 
 def cells(values: Array) -> list[str]:
-    """Return numbers as text cells, "" for NaN."""
+    """Write numbers as text cells of a table, "" for NaN."""
     return ["" if np.isnan(v) else repr(float(v)) for v in values]
 
 
 def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array:
-    """Convert rows of orientation numbers to rotation vectors, rad; NaN for a row with a missing number."""
+    """Convert rows of Euler angles or quaternions to rotation vectors, rad; NaN for a row with a missing number."""
     out, known = np.full((len(numbers), 3), np.nan), np.isfinite(numbers).all(axis=1)
     if known.any():
         out[known] = read(numbers[known]).as_rotvec()
@@ -84,9 +84,9 @@ _NUMBERED = re.compile(r"^c?(\d+)$")
 
 @dataclass(frozen=True)
 class OrientationColumns:
-    """Orientation columns of a file.
+    """Orientation columns of a file of another program.
 
-    columns: columns, or formulas of columns, with units.
+    columns: columns of the angles or quaternion, or formulas of columns, with units.
     convention: `intrinsic XYZ` is R = Rx(a) Ry(b) Rz(c), `fixed XYZ` is R = Rz(c) Ry(b) Rx(a), and other axes likewise;
     `rotation vector`; `quaternion xyzw` or `quaternion wxyz`, whose columns have no unit.
     """
@@ -99,8 +99,8 @@ class OrientationColumns:
 class ColumnMap:
     """Map from the columns of a file to the columns of a table.
 
-    columns: name in the table -> column of the file, or a formula of columns, with its unit in brackets. A column is
-    given by its name or by its number, as c7.
+    columns: name in the table -> column of the file, or a formula of columns, with its unit in brackets. A column of
+    the file is given by its name or by its number, as c7.
     tools: columns of x, y and z of several reflectors, by reflector.
     header: True if the file has a header.
     join: rule by which a second file is joined, see `gpmodel.table.join`.
@@ -182,9 +182,9 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
     """Convert the rows of a sheet to a table of text cells with units in its headers.
 
     Orientations become rotation vectors [deg]. Columns that the map does not name are not imported. Three equal
-    coordinates are not a point; some programs write equal coordinates if no reflector was seen. With several reflectors
-    the table has one row per pose and reflector. Raises InputError for a missing column, a formula that cannot be
-    parsed, a missing or unknown unit, or text among numbers.
+    coordinates count as missing; some programs write equal coordinates if no reflector was seen. With several
+    reflectors the table has one row per pose and reflector. Raises InputError for a missing column, an invalid formula,
+    a missing or unknown unit, or text among numbers.
     """
     out = _mapped(sheet, columns.columns, columns.source)
     if columns.orientation is not None:
@@ -212,7 +212,7 @@ def _without_equal(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _mapped(sheet: Sheet, columns: Mapping[str, str], source: str) -> dict[str, pd.Series | list[str]]:
-    """Return the cells of each mapped column, by the column's new header."""
+    """Return the cells of each imported column, by the header of the column in the new table."""
     out: dict[str, pd.Series | list[str]] = {}
     for name, text in columns.items():
         where = f"{source}: {name}"
@@ -228,7 +228,7 @@ def _mapped(sheet: Sheet, columns: Mapping[str, str], source: str) -> dict[str, 
 
 
 def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
-    """List the columns of a sheet that a map does not name."""
+    """List the columns of a file that its column map does not name."""
     oriented = () if columns.orientation is None else columns.orientation.columns
     points = (text for point in columns.tools.values() for text in point.values())
     read = {i for text in (*columns.columns.values(), *points, *oriented) for i in _read_by(sheet, text)}
@@ -236,7 +236,7 @@ def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
 
 
 def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
-    """Return the columns of the file that an entry of a map uses: one column by name, or the columns of a formula."""
+    """Return the file's columns that an entry of a column map uses: one column, or the columns of a formula."""
     for name in (text.strip(), split_header(text)[0]):
         if (found := find(sheet, name)) is not None:
             return (found,)
@@ -245,7 +245,7 @@ def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
 
 def find(sheet: Sheet, name: str) -> int | None:
     """Find a column by its header, its header without the unit, its name in an expression, or its number, c7.
-    The result is None if no column or several columns match."""
+    None is returned if no column or several columns match."""
     for as_named in (str.strip, lambda header: name_and_unit(header)[0], identifier):
         found = [i for i, header in enumerate(sheet.names) if header and as_named(header) == name]
         if found:
@@ -255,7 +255,7 @@ def find(sheet: Sheet, name: str) -> int | None:
 
 
 def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str) -> Array:
-    """Return rotation vectors, rad, from orientation columns; NaN where a number is missing."""
+    """Compute rotation vectors, rad, from orientation columns of a file; NaN where a number is missing."""
     reader, count = orientation_reader(orientation.convention, where)
     parts = []
     for text in orientation.columns:
@@ -271,7 +271,7 @@ def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str)
 
 
 def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
-    """Return the numbers of a column or of a formula of columns, and the unit after the name or formula."""
+    """Return the numbers of a column or of a formula of columns, and the unit in brackets after it."""
     name, unit = split_header(text)
     if (column := find(sheet, name)) is not None:
         header = sheet.names[column]

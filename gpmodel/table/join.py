@@ -1,4 +1,4 @@
-"""Join two files of one session row by row: in order, by a common column, or by time."""
+"""Join two files of one measurement session row by row: in order, by a common column, or by time."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ from gpmodel.wording import some
 
 ORDER, ROWS = "order", "rows "
 COMMON = 0.5
-"""Least share of the rows of the shorter file that a common column matches."""
+"""Least share of rows of the shorter file that a common column has to match, for a join of two files."""
 _STRETCH = re.compile(r"^\s*(\d{1,7})-(\d{1,7}) *= *(\d{1,7})-(\d{1,7})\s*$")
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 
@@ -33,7 +33,7 @@ def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
 
 
 def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
-    """Read one file, or join two. Raises InputError for an unreadable file or an impossible join."""
+    """Read one table file, or join two. Raises InputError for an unreadable file or an impossible join."""
     sheets = sheets_of(paths, header)
     if len(sheets) == 1 and how:
         raise InputError(f"{paths[0].name} alone; expected a second file that is joined by '{how}'", "join")
@@ -42,8 +42,8 @@ def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
 
 def ways(first: Sheet, second: Sheet) -> Iterator[str]:
     """Yield the ways in which two sheets can be joined, the most reliable first.
-    The first rules are columns with common texts or point numbers, then clock times, then the order of equally many
-    rows."""
+    The most reliable joins are by columns with common texts or point numbers, then by clock times, then by the order of
+    equally many rows."""
     ours, theirs = ({i: _keys(sheet, i) for i in sheet.columns} for sheet in (first, second))
     for i, one in ours.items():
         for k, other in theirs.items():
@@ -56,11 +56,11 @@ def ways(first: Sheet, second: Sheet) -> Iterator[str]:
 
 
 def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
-    """Join the rows of two sheets; the field `said` of the result lists the rows without a partner.
+    """Join the rows of two sheets; rows of either sheet without a partner are listed in the field `said`.
 
-    how: `order`; `No = Point`, a column of each sheet, or one name for both; `time t = Time Stamp`, the row of the
-    first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises InputError if the join
-    is impossible.
+    how: rule of the join. `order`; `No = Point`, a column of each sheet, or one name for both; `time t = Time Stamp`,
+    the row of the first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises
+    InputError if the join is impossible.
     """
     if how == ORDER:
         if len(first.cells) != len(second.cells):
@@ -92,7 +92,7 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
 
 
 def rows_side_by_side(pairs: IntArray) -> str:
-    """Write pairs of row numbers, counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
+    """Write pairs of row numbers, counted from 0, as a rule of a join: `rows 1-6 = 1-6, 8-40 = 7-39`."""
     parts = np.split(pairs, np.flatnonzero((np.diff(pairs, axis=0) != 1).any(axis=1)) + 1)
     ends = [(part[0] + 1, part[-1] + 1) for part in parts]
     return ROWS + ", ".join(f"{a[0]}-{b[0]} = {a[1]}-{b[1]}" for a, b in ends)
@@ -122,7 +122,7 @@ def _clock(sheet: Sheet, column: int) -> np.ndarray:
 
 
 def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
-    """Return the key of each row's point: the cell, or the last number in the cell. Decimals are not keys."""
+    """Return the identifier of each row's point: the cell, or the last number in the cell, but no decimals."""
     text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
     if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
         return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])

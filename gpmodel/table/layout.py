@@ -28,16 +28,16 @@ from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
 MOST_HEADERS = 4
-"""Largest number of header lines: names, kinds and units in separate lines."""
+"""Largest number of header lines of a table file: names, kinds and units in separate lines."""
 LONGEST_NAME = 200
-"""Number of characters of a column name that are searched for a unit."""
+"""Number of characters of a column's header that are searched for a unit."""
 UNITS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
     "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
     "inches": "in", "inch": "in", "°c": "degC", "c": "degC", "celsius": "degC", "°f": "degF", "sec": "s",
     "seconds": "s", "%": "percent", "nm": "N*m", "grad": "deg",
 }  # fmt: skip
-"""Spellings of units in other programs, in lower case."""
+"""Spellings of units in files of other programs, in lower case, by unit."""
 BEHIND = (
     "mm",
     "cm",
@@ -70,11 +70,11 @@ _BETWEEN_WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Sheet:
-    """Cells of a file as text.
+    """Cells of a table file as text, with the headers of its columns.
 
     names: header of each column, "" without header.
     cells: text by row and column with decimal points, missing where empty; columns are numbered from 0.
-    said: notes on how the file was read.
+    said: notes on separator, header and units as recognised.
     """
 
     names: tuple[str, ...]
@@ -88,17 +88,17 @@ class Sheet:
         return range(len(self.names))
 
     def part(self, rows: slice) -> "Sheet":
-        """Return the sheet with some of its rows."""
+        """Return some of the sheet's rows, with its headers."""
         return replace(self, cells=self.cells.iloc[rows].reset_index(drop=True))
 
     def numbers(self, column: int) -> "pd.Series[float] | None":
-        """Return the numbers of a column, NaN where empty; None if the column has text or is empty."""
+        """Return the numbers of a sheet's column, NaN for empty cells; None if the column has text or is empty."""
         text = self.cells[column]
         values = pd.to_numeric(text, errors="coerce")
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return the times of a column of clock times, s after the first time; None for other columns."""
+        """Return the clock times of a sheet's column, s after the first time; None for other columns."""
         return clock_seconds(self.cells[column])
 
 
@@ -145,14 +145,14 @@ def spelled_unit(text: str) -> str | None:
 
 
 def _plain(cell: str, decimal: str) -> str:
-    """Return a number with a decimal point and without thousands separators; other text unchanged."""
+    """Write a number with a decimal point and without thousands separators; other text is unchanged."""
     if not is_number(cell, decimal):
         return cell
     return cell.replace("." if decimal == "," else ",", "").replace(" ", "").replace(",", ".")
 
 
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
-    """Find the lines of data among rows of cells, and the header above them."""
+    """Find the lines of data, and the header above the data, among the rows of cells of a file."""
     counts = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     fewest = max(min(FEWEST_NUMBERS, max(counts, default=0)), 1)
     data = [i for i, n in enumerate(counts) if n >= fewest and not rows[i][0].startswith(COMMENTS)]
@@ -196,7 +196,7 @@ def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[
 
 
 def _programmed(lines: Sequence[str]) -> bool:
-    """Return True if numbers are in brackets or after equals signs, as in the points of a robot program."""
+    """Return whether a line has numbers in brackets or after equals signs, like the points of a robot program."""
     numbers = [line for line in lines if len(_BETWEEN_WORDS.findall(line)) >= FEWEST_NUMBERS]
     return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
 

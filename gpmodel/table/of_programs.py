@@ -1,4 +1,4 @@
-"""Import of files of other programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
+"""Import of files of other calibration programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
 
 import math
 import re
@@ -76,7 +76,7 @@ def _offsets(path: Path) -> dict[str, float]:
 
 
 def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> list[float]:
-    """Return the three numbers of an attribute of a joint's tag."""
+    """Return the three numbers of an attribute of a URDF joint's tag, such as `xyz`."""
     place = joint.find(tag)
     text = default if place is None else place.get(key, default)
     try:
@@ -89,7 +89,7 @@ def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> li
 
 
 def origin_of(joint: ET.Element, file: str) -> Array:
-    """Return the transform from the parent link of a URDF joint to the joint, m. Raises InputError naming the
+    """Return the transform (4, 4), m, from the parent link of a URDF joint to the joint. Raises InputError naming the
     file."""
     turn = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
     return se3.frame(turn, _given(joint, "origin", "xyz", "0 0 0", file))
@@ -120,7 +120,7 @@ A_CAMERA = "a camera's YAML, or corners, as OpenCV or ROS writes them"
 
 
 def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> Imported:
-    """Import a camera; if the file holds corners, import a table of pixels together with camera and board.
+    """Import the file of a camera; if it holds corners, import a table of pixels together with camera and board.
 
     joints: table of joint values with units, one row per view with corners.
     square: distance between neighbouring corners, m.
@@ -204,7 +204,7 @@ def _side(content: dict[str, object], key: str, path: Path) -> int:
 
 
 def _matrix(content: dict[str, object], key: str, path: Path) -> Array:
-    """Return the numbers of a matrix in a flat array."""
+    """Return the numbers of a matrix of a camera file as a flat array."""
     given = content[key]
     try:
         found = np.asarray(given["data"] if isinstance(given, dict) else given, dtype=float).ravel()
@@ -258,7 +258,7 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 
     T_i = Rz(q_i + delta_theta_i) Tz(d_i + delta_d_i) Tx(a_i + delta_a_i) Rx(alpha_i + delta_alpha_i)
 
-    nominal: the file urcontrol.conf. The base frame is the base frame of the controller.
+    nominal: the file urcontrol.conf. The base frame is that of the UR controller.
     Raises InputError if a file or a line is missing, or a line does not have six numbers.
     Source: Universal Robots, forum threads 1638 and 18921; UniversalRobots/Universal_Robots_ROS_Driver, ur_calibration.
     """
@@ -280,7 +280,7 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 
 
 def _lines(path: Path) -> dict[str, Array]:
-    """Return the lists of numbers of the DH lines of a UR .conf file by name; other lines are ignored."""
+    """Read the lists of numbers of the Denavit-Hartenberg lines of a UR .conf file, by name of the line."""
     found = {}
     for name, text in re.findall(
         r"^\s*(\w+)\s*=\s*\[([^\]]*)\]", read_text(path, LARGEST_FILE, "a UR .conf file"), re.M

@@ -22,11 +22,11 @@ FARTHEST = 1e5
 """Largest coordinate of a measured point, m."""
 
 ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
-"""Absolute zero in each unit of temperature."""
+"""Absolute zero of temperature in each unit of temperature."""
 
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _DIMENSIONS = {**dict.fromkeys("xyz", "length"), **dict.fromkeys(("rx", "ry", "rz"), "angle"), "payload": "mass"}
-"""Dimension of columns with reserved names, other than LABELS."""
+"""Physical dimension of table columns with reserved names, such as x or payload."""
 _EXAMPLES = {"length": "mm", "angle": "deg", "mass": "kg"}
 _TORQUE = re.compile(r"^(torque|tau|effort)_")
 _PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\(\s*(?P<unit>[^\W\d_][^()]*?|°.*?|%)\s*\)$")
@@ -36,10 +36,10 @@ _NAMELESS = re.compile(r"^Unnamed: \d+$")
 def dataset_from(
     frame: pd.DataFrame, path: Path, mechanism: Mechanism, *, need_measurement: bool = True, sha256: str = ""
 ) -> Dataset:
-    """Return the poses in a frame of text cells from `read_frame`. path: file named in messages.
+    """Convert the text cells of a table to a Dataset. path: file named in messages.
 
-    The page docs/reference/formats.md describes the columns. Raises InputError for a column without or with an unknown
-    unit, missing or surplus joints, text among numbers, or a table without measurements.
+    The page docs/reference/formats.md describes the columns. Raises InputError for a missing or unknown unit, missing
+    or surplus joints, text among numbers, or no measurements.
     """
     columns = _split_columns(frame, path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
@@ -77,7 +77,7 @@ def dataset_from(
 
 @dataclass
 class _Cells:
-    """Content of the columns other than joints, in SI units; `extras` are in the units of the table."""
+    """Values of a table's columns other than joints, in SI units; `extras` are in the units of the table."""
 
     position: Array
     rotation: Array
@@ -92,7 +92,7 @@ class _Cells:
     ignored: list[str] = field(default_factory=list)
 
     def take(self, name: str, unit: str | None, column: pd.Series, where: str) -> None:
-        """Store a column by its name: label, position, rotation, distance, instrument column, payload or input."""
+        """Store the values of a table column by its name: label, position, rotation, distance, payload, input, ..."""
         if name in LABELS:
             self.labels[name] = _labels(column, where)
         elif name in ("x", "y", "z"):
@@ -128,7 +128,7 @@ class _Cells:
 
 
 def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
-    """Return the text of each row of a column, with single blanks between words.
+    """Return the text of each row of a label column, with single blanks between words.
     Raises InputError naming the row of a label with control characters, double quotes or backslashes."""
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
@@ -139,7 +139,7 @@ def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
 
 
 def _not_negative(values: Array, where: str) -> Array:
-    """Return distances, m. Raises InputError naming the row of a negative distance."""
+    """Return measured distances, m. Raises InputError naming the row of a negative distance."""
     if (values < 0).any():
         row = int(np.flatnonzero(values < 0)[0])
         raise InputError(f"{where}, row {row + 1}: {1e3 * values[row]:g} mm; expected a distance of zero or more")
@@ -191,7 +191,7 @@ def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path
 def _joint_columns(
     columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path, empty: list[str]
 ) -> dict[str, Joint]:
-    """Assign columns to joints. Raises InputError for missing or surplus joints, or names in other capitals."""
+    """Assign table columns to joints. Raises InputError for missing or surplus joints, or names in other capitals."""
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
@@ -222,7 +222,7 @@ def _joint_columns(
 
 
 def _joint_values(column: tuple[str | None, pd.Series], joint: Joint, where: str) -> Array:
-    """Return the values of a joint, rad or m."""
+    """Return the values of a joint at all rows of a table, rad or m."""
     unit, cells = column
     return numbers(cells, where) * factor(unit or "1", _DIMENSION[joint.kind], where)
 

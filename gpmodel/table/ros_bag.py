@@ -1,4 +1,4 @@
-"""Import of recordings of ROS 1 and 2: joint states, and measured points, poses or transforms.
+"""Import of ROS 1 and 2 recordings (bags): joint states, and measured points, poses or transforms.
 
 Sources: sensor_msgs/JointState; geometry_msgs/PointStamped, PoseStamped, TransformStamped; read by rosbags.
 """
@@ -30,7 +30,7 @@ APART = 0.05
 
 @dataclass(frozen=True)
 class _JointState:
-    """A joint state in a recording. time: s. values: joint name -> value, rad or m."""
+    """A joint state in a ROS recording. time: s. values: joint name -> value, rad or m."""
 
     time: float
     values: dict[str, float]
@@ -38,7 +38,7 @@ class _JointState:
 
 @dataclass(frozen=True)
 class _Measured:
-    """A measurement in a recording. time: s. point: m. vector: rotation vector, rad, NaN if not measured."""
+    """A measurement in a ROS recording. time: s. point: m. vector: rotation vector, rad, NaN if not measured."""
 
     time: float
     point: Array
@@ -46,14 +46,14 @@ class _Measured:
 
 
 def is_bag(path: Path) -> bool:
-    """Return True if a path is a recording: a ROS 1 file, or a file or folder of ROS 2."""
+    """Return whether a path is a ROS recording: a ROS 1 file, or a file or folder of ROS 2."""
     return path.suffix.lower() in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file()
 
 
 def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imported:
     """Return a table with one row per measurement and the joint state nearest in time.
 
-    topic: topic of the measurements, needed if the recording has several such topics.
+    topic: topic of the measurements, required if the recording has several.
     Raises InputError if rosbags or the file is missing, a topic is missing or ambiguous, or no joint state is near.
     """
     states, measured = _messages(path, topic)
@@ -77,7 +77,7 @@ def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imp
 
 
 def _messages(path: Path, topic: str | None) -> tuple[list[_JointState], list[_Measured]]:
-    """Return the joint states and the measurements of a recording."""
+    """Read the joint states and the measurements of a ROS recording."""
     with extra_for(f"reading {path.name}"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
@@ -127,4 +127,4 @@ def _time(message: object) -> float:
 
 
 _part = getattr
-"""Function that reads a field of a message, whose class rosbags creates from its definition."""
+"""Function that reads a field of a ROS message, whose class rosbags creates from its definition."""

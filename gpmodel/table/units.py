@@ -1,4 +1,4 @@
-"""Units of headers and options, and their conversion to SI on input."""
+"""Units of table headers and command options, and their conversion to SI on input."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def split_header(header: str) -> tuple[str, str | None]:
 
 
 def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
-    """Return header and values of a written joint column: [deg] for revolute joints, [mm] for prismatic joints."""
+    """Return header and values of a joint's output column: [deg] for revolute joints, [mm] for prismatic joints."""
     return (f"{name} [deg]", np.degrees(values)) if kind == "revolute" else (f"{name} [mm]", 1e3 * values)
 
 
 def identifier(name: str) -> str:
-    """Return a name as written in expressions: every character except letters and digits becomes an underscore.
+    """Return the name of a column in expressions: every character except letters and digits becomes an underscore.
     A name that begins with a digit or is a keyword of Python begins with an underscore."""
     word = "".join(c if f"_{c}".isidentifier() else "_" for c in re.sub(r"\W", "_", name))
     return word if is_name(word) else f"_{word}"
@@ -87,7 +87,7 @@ TEMPERATURES = {"degree_Celsius": "degC", "kelvin": "K", "degree_Fahrenheit": "d
 
 @lru_cache(maxsize=256)
 def one_spelling(unit: str) -> str:
-    """Return the usual spelling of a known unit of temperature, which may be written [°C]; other units as they are."""
+    """Return the usual spelling of a unit of temperature, which may be written [°C]; other units are unchanged."""
     return unit if unit == "1" else TEMPERATURES.get(str(_registry().parse_units(_spelled(unit))), unit)
 
 
@@ -142,9 +142,9 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 
 
 def factor_like(unit: str, like: str) -> float | None:
-    """Return the size of one `unit`, which may be `/K`, in SI units; None for another dimension than that of `like`.
+    """Return the size of one `unit`, which may be `/K`, in SI units; None if its dimension differs from `like`'s.
 
-    The result is also None for units with an offset (degC), whose values are not multiples of a unit.
+    Units with an offset (degC) give None, because their values are not multiples of a unit.
     """
     try:
         value: pint.Quantity = _one(unit)
@@ -170,7 +170,7 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
 
 
 def convert(text: str, unit: str, where: str) -> float:
-    """Return the number in `text`, as `20 arcsec` or `20`, in `unit`; a number without a unit has the unit `unit`.
+    """Convert a text such as `20 arcsec` or `20` to a number in `unit`; a number without a unit is already in `unit`.
 
     Raises InputError if the text has no number, or the unit cannot be converted.
     """
@@ -193,7 +193,7 @@ UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), 
 
 
 class TomlTable:
-    """One table of a TOML file with units in its keys. Keys are read and removed one by one; a key that remains is an
+    """One table of a TOML file with units in its keys. Keys are read and removed one by one; a remaining key is an
     error.
 
     content: output of tomllib. where: name of the table in messages. Every method raises InputError for a value of the
@@ -208,23 +208,23 @@ class TomlTable:
         self.known: list[str] = []
 
     def take(self, key: str, default: Any) -> Any:
-        """Remove a key and return its value, or the default."""
+        """Remove a key from the TOML table and return its value, or the default."""
         self.known.append(key)
         return self.content.pop(key, default)
 
     def tables(self, key: str) -> list[TomlTable]:
-        """Return the array of tables [[key]]; empty if the key is missing."""
+        """Return the array of TOML tables [[key]]; empty if the key is missing."""
         content = self.take(key, [])
         if not isinstance(content, list):
             raise InputError(f"{self.where}: {key} is one table, expected [[{key}]] with double brackets")
         return [TomlTable(row, f"{self.where}: [[{key}]] {number}") for number, row in enumerate(content, 1)]
 
     def table(self, key: str) -> TomlTable:
-        """Return the table [key]; empty if the key is missing."""
+        """Return the TOML table [key]; empty if the key is missing."""
         return TomlTable(self.take(key, {}), f"{self.where}: [{key}]")
 
     def quantity(self, key: str, dimension: str, default: Any, size: int | None = None) -> Any:
-        """Return a number, or a vector of `size`, in SI units, from a key that ends in a unit of the dimension."""
+        """Return a number, or a vector of `size`, in SI units, from a TOML key that ends in a unit of the dimension."""
         units = UNITS[dimension]
         written = [f"{key}_{unit}" for unit in units]
         self.known += written
@@ -245,7 +245,7 @@ class TomlTable:
         return value * scale if size is None else np.array(value, dtype=np.float64) * scale
 
     def choice(self, key: str, choices: tuple[Any, ...], default: Any = None) -> Any:
-        """Return the value of a key that has to be one of `choices`."""
+        """Return the value of a TOML key that has to be one of `choices`."""
         value = self.take(key, default)
         if value not in choices or isinstance(value, bool):
             listed = ", ".join(map(repr, choices))
@@ -253,14 +253,14 @@ class TomlTable:
         return value
 
     def text(self, key: str, default: str) -> str:
-        """Return the text of a key, which may not be empty."""
+        """Return the text of a TOML key, which may not be empty."""
         value = self.take(key, default)
         if not isinstance(value, str) or not value:
             raise InputError(f"{self.where}: {key} is {value!r}, expected a text")
         return value
 
     def number(self, key: str) -> float:
-        """Return the finite number, without unit, of a required key."""
+        """Return the finite number, without unit, of a required TOML key."""
         value = self.take(key, None)
         if value is None:
             raise InputError(f"{self.where}: {key} is missing; expected one finite number")
@@ -269,7 +269,7 @@ class TomlTable:
         return float(value)
 
     def numbers(self, key: str, size: int) -> Array | None:
-        """Return a list of `size` finite numbers without unit; None if the key is missing."""
+        """Return a TOML list of `size` finite numbers without unit; None if the key is missing."""
         value = self.take(key, None)
         if value is None:
             return None
@@ -279,14 +279,14 @@ class TomlTable:
         return np.array(value, dtype=np.float64)
 
     def needed(self, key: str, size: int) -> Array:
-        """Return the list of `size` finite numbers of a required key."""
+        """Return the list of `size` finite numbers of a required TOML key."""
         values = self.numbers(key, size)
         if values is None:
             raise InputError(f"{self.where}: expected {key}, a list of {size} finite numbers")
         return values
 
     def done(self) -> None:
-        """Raise InputError if a key remains that was not taken."""
+        """Raise InputError if a key of the TOML table was not read."""
         if self.content:
             unknown = next(iter(self.content))
             raise InputError(f"{self.where}: unknown key {unknown}; expected {choices(unknown, self.known)}")
