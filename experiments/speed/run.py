@@ -74,11 +74,11 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
         lambda: over_slices(65536, run.threads, lambda part: decode(part) and None, 2048), repeats
     )
     code = decode(slice(0, 2048))
-    live = np.concatenate([words[:n] & 0xFFFF for words, n in zip(code.words, code.count, strict=True)])
+    live = np.concatenate([words[:n] & 0xFFFF for words, n in zip(code.words, code.length, strict=True)])
     poses = 32 * sum(np.count_nonzero(live == c) * seconds for c, seconds in operator_seconds().items())
     return {
         "rows": rows,
-        "live_instructions_a_program": round(float(code.count.mean()), 1),
+        "live_instructions_a_program": round(float(code.length.mean()), 1),
         "arithmetic_limit_cpu_ms": round(1e3 * 40 * float(poses), 2),
         "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
     }

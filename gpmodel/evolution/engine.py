@@ -4,13 +4,13 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array
+from gpmodel.evolution.code import Code
 
 SLICE = 512
 """Number of programs that a thread runs together: their values fit into its cache."""
@@ -43,29 +43,6 @@ LONG_BLOCK = 512
 times as many jumps (18 %)."""
 
 
-@dataclass(frozen=True)
-class Code:
-    """Effective code (instructions that reach an output) of programs, as the compiled loops execute it.
-
-    words: instructions (programs, longest), of which the first ``count`` are used.
-    outputs: instruction row of each output, (programs, outputs).
-    nodes: number of operators and of references to leaves, per program.
-    hashes: hash of the code, per program.
-    constants: constants that belong to each program, (programs, constants).
-    """
-
-    words: IntArray
-    outputs: NDArray[np.uint16]
-    count: IntArray
-    nodes: IntArray
-    hashes: NDArray[np.uint64]
-    constants: Array
-
-    def take(self, rows: NDArray[np.intp]) -> "Code":
-        """Return the code of the programs with the given row numbers."""
-        return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-
 def empty_code(constants: Array, longest: int, outputs: int) -> Code:
     """Allocate the code of programs with own constants (programs, constants), of at most ``longest`` instructions and
     with ``outputs`` outputs each."""
@@ -84,10 +61,8 @@ def values(code: Code, fixed: Array) -> Array:
     """Return the outputs (programs, outputs, poses) of decoded programs; the next call overwrites the result."""
     from gpmodel.evolution.kernels import batch
 
-    found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
-    batch.output_values(
-        code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed, LONG_BLOCK), found
-    )
+    found = workspace("values", (len(code.length), code.outputs.shape[1], fixed.shape[1]))
+    batch.output_values(code, fixed, _rows(code, fixed, LONG_BLOCK), found)
     return found
 
 
@@ -96,27 +71,24 @@ def sizes(code: Code, base: int) -> NDArray[np.uint16]:
     base: number of rows of inputs and fixed constants."""
     from gpmodel.evolution.kernels import batch
 
-    return batch.sizes_by_outputs(code.words, code.count, base, code.outputs)
+    return batch.sizes_by_outputs(code, base)
 
 
 def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, cutoff: float) -> Array:
     """Return the largest or the RMS distance (Fig 5.5) of each program's output points from the measured points."""
     from gpmodel.evolution.kernels import batch
 
-    found = np.empty(len(code.count))
+    found = np.empty(len(code.length))
     poses = fixed.shape[1]
     limit = cutoff**2 if maximum else cutoff**2 * poses
-    batch.compensator_fitness(
-        code.words, code.outputs, code.count, code.constants,
-        fixed, _rows(code, fixed, BLOCK), measured, maximum, limit, found,
-    )  # fmt: skip
+    batch.compensator_fitness(code, fixed, _rows(code, fixed, BLOCK), measured, maximum, limit, found)
     return np.sqrt(found if maximum else found / poses)
 
 
 def _rows(code: Code, fixed: Array, block: int) -> Array:
     base, poses = fixed.shape
     width = min(block, (poses + 7) // 8 * 8)
-    return workspace("rows", (base + int(code.count.max(initial=0)) + 1, width))
+    return workspace("rows", (base + int(code.length.max(initial=0)) + 1, width))
 
 
 def workspace(name: str, shape: tuple[int, ...]) -> Array:

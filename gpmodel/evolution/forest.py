@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from gpmodel.evolution.engine import Code, empty_code
+from gpmodel.evolution.code import Code
+from gpmodel.evolution.engine import empty_code
 from gpmodel.evolution.machine import Layout
 
 OPERATOR_CODES = 32
@@ -36,8 +37,5 @@ class Forest:
 
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
-        decode_forest(
-            self.codes, self.bounds[part], code.constants.view(np.uint64), layout.base, layout.replacements,
-            layout.row_kinds, code.words, code.outputs, code.count, code.nodes, code.hashes,
-        )  # fmt: skip
+        decode_forest(self.codes, self.bounds[part], layout.tables, code)
         return code

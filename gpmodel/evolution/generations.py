@@ -97,7 +97,7 @@ class Generations:
         for row in fresh[:POLISHED]:
             self.fitted.add(int(scores.hashes[row]))
             program = program_at(population, row, int(scores.chosen[row]), self.layout)
-            own = population.constants_of(row)
+            own = population.decoder(self.layout)(slice(row, row + 1)).constants[0]
             fitted = own_constants_polished(
                 program, self.problem.targets, int(scores.site[row]), columns, own, self.layout.constants
             )

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.engine import Code, empty_code, over_slices
+from gpmodel.evolution.code import Code
+from gpmodel.evolution.engine import empty_code, over_slices
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.representation import Population, check_ranges
-from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
-from gpmodel.formula.program import Builder, Program
+from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
 
 @dataclass(frozen=True)
@@ -99,18 +99,8 @@ class Sequences:
 
         longest = self.genes.shape[1] + layout.own_constants + 1
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
-        decode_sequences(
-            self.genes[part], code.constants.view(np.uint64), layout.op_codes, layout.operand_table, layout.read_mask,
-            layout.write_mask, layout.start_rows, layout.replacements, layout.cell_kinds, layout.base,
-            code.words, code.outputs, code.count, code.nodes, code.hashes,
-        )  # fmt: skip
+        decode_sequences(self.genes[part], layout.tables, code)
         return code
-
-    def program(self, row: int, layout: Layout) -> Program:
-        return program_of(self.genes[row], self.constants[row], layout)
-
-    def constants_of(self, row: int) -> Array:
-        return np.array(self.constants[row])
 
     def with_constants(self, row: int, values: Array) -> "Sequences":
         return Sequences(self.genes[row : row + 1], values[None, :])
@@ -153,53 +143,3 @@ class SequenceBreeding:
 
         over_slices(len(mothers), self.threads, work)
         return Sequences(genes, constants)
-
-
-def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, int | None]]:
-    """Return op-codes with their operand bytes, as in Fig 5.4: ``[0 0 2 6 16]`` gives (0, 0), (2, 6), (16, None)."""
-    found: list[tuple[int, int | None]] = []
-    pending = iter(int(gene) for gene in genes)
-    for gene in pending:
-        code = int(layout.opcode_table[gene])
-        if code in BY_CODE and BY_CODE[code].arity == 1:
-            found.append((code, None))
-        elif (operand := next(pending, None)) is not None:
-            found.append((code, operand))
-    return found
-
-
-def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Program:
-    """Return the effective code (instructions that reach an output) of one sequence as a Program. An operator that is
-    not allowed for its kinds of arguments is replaced or left out."""
-    builder = Builder()
-
-    def row(index: int) -> int:
-        if index < len(layout.inputs):
-            return builder.input(layout.inputs[index])
-        if index > layout.zero_row:
-            return builder.constant(float(constants[index - layout.base]))
-        return builder.constant([*layout.constants, 0.0][index - len(layout.inputs)])
-
-    def typed(index: int) -> tuple[int, int]:
-        return row(index), int(layout.cell_kinds[len(layout.start) + index])
-
-    registers = [typed(int(index)) for index in layout.start_rows]
-    accumulator = registers[0]
-    for code, operand in instructions(genes, layout):
-        value = None
-        if operand is not None:
-            where, number = layout.operand(code, operand)
-            if code == STORE:
-                registers[number] = accumulator
-                continue
-            value = registers[number] if where == "register" else typed(number)
-            if code in (INPUT, LOAD):
-                accumulator = value
-                continue
-        kind = 0
-        if layout.kinds:
-            code, kind = divmod(int(layout.replacements[code, accumulator[1], value[1] if value else 0]), 256)
-        if code:
-            arguments = (accumulator[0], value[0]) if value else (accumulator[0],)
-            accumulator = builder.apply(BY_CODE[code].name, *arguments), kind
-    return builder.program(node for node, _ in registers[: layout.outputs])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
+from gpmodel.evolution.code import Tables
 from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
@@ -75,25 +76,12 @@ class Layout:
         return element if element < self.zero_row else element + 1
 
     @cached_property
-    def start_rows(self) -> NDArray[np.uint16]:
-        """Numbers of the rows of values with which the registers start."""
-        rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
-        return np.array(rows, dtype=np.uint16)
-
-    @cached_property
     def opcode_table(self) -> NDArray[np.uint8]:
         """Op-code of each instruction byte (0 to 255). A byte that is the op-code of an available operator means this
         operator; the other bytes mean the available operators in turn."""
         offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
         return np.array(table, dtype=np.uint8)
-
-    @cached_property
-    def op_codes(self) -> NDArray[np.uint16]:
-        """Table by instruction byte: 256 times its op-code, plus 255 if the op-code takes an operand."""
-        alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
-        takes = ~np.isin(self.opcode_table, alone)
-        return self.opcode_table.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
 
     def operand(self, code: int, gene: int) -> tuple[str, int]:
         """Return the operand of an op-code that an operand byte `gene` selects: ("register" or "row", number).
@@ -110,53 +98,29 @@ class Layout:
         return ("row", self.element_row(half % self.elements)) if odd else ("register", half % registers)
 
     @cached_property
-    def operand_table(self) -> NDArray[np.uint16]:
-        """Operand of every instruction, at index 256 * op-code + operand byte: register number, or number of registers
-        + row number. The operand is row 0 for an op-code without operand."""
+    def tables(self) -> Tables:
+        """Tables from which the compiled loops decode programs."""
         registers = len(self.start)
-        table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
-        for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
+        alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
+        op_codes = self.opcode_table.astype(np.uint16) * np.uint16(256)
+        operands = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
+        for code in [INPUT, LOAD, STORE, *BY_CODE.keys() - alone]:
             for gene in range(256):
                 kind, number = self.operand(code, gene)
-                table[code, gene] = number if kind == "register" else registers + number
-        return table.ravel()
-
-    @cached_property
-    def write_mask(self) -> NDArray[np.uint32]:
-        """Bit mask of the register that each instruction writes, at index 256 * op-code + operand byte."""
-        codes, bits = self._codes_and_bits()
-        return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
-
-    @cached_property
-    def read_mask(self) -> NDArray[np.uint32]:
-        """Bit mask of the registers that each instruction reads, at index 256 * op-code + operand byte."""
-        codes, bits = self._codes_and_bits()
-        operands = np.where(codes == STORE, np.uint32(0), bits)
-        return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
-
-    @cached_property
-    def typing(self) -> Typing:
-        """Rules of the operations that are allowed on the kinds of quantities of the inputs."""
-        return Typing(self.kinds)
-
-    @cached_property
-    def replacements(self) -> NDArray[np.uint16]:
-        """Operator that replaces an operator that is not allowed for its arguments; table as in ``Typing.repairs``."""
-        return self.typing.repairs(self.operators)
-
-    @cached_property
-    def cell_kinds(self) -> NDArray[np.uint8]:
-        """Number of the kind of quantity in each register at the start, then of each row of values."""
-        return np.concatenate([self.row_kinds[self.start_rows], self.row_kinds])
-
-    @cached_property
-    def row_kinds(self) -> NDArray[np.uint8]:
-        """Number of the kind of quantity of each row of values: inputs, then constants."""
-        rows = np.zeros(self.base + self.own_constants, dtype=np.uint8)
-        rows[: len(self.kinds)] = self.typing.of_inputs
-        return rows
-
-    def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-        cells = self.operand_table.astype(np.uint32)
-        bits = np.where(cells < len(self.start), np.uint32(1) << np.minimum(cells, 31), 0).astype(np.uint32)
-        return np.arange(len(cells)) >> 8, bits
+                operands[code, gene] = number if kind == "register" else registers + number
+        cells, codes = operands.ravel().astype(np.uint32), np.arange(operands.size) >> 8
+        bits = np.where(cells < registers, np.uint32(1) << np.minimum(cells, 31), 0).astype(np.uint32)
+        reads = np.where(codes == STORE, np.uint32(0), bits) | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))
+        start = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
+        typing, row_kinds = Typing(self.kinds), np.zeros(self.base + self.own_constants, dtype=np.uint8)
+        row_kinds[: len(self.kinds)] = typing.of_inputs
+        return Tables(
+            op_codes + ~np.isin(self.opcode_table, alone) * np.uint16(255),
+            operands.ravel(),
+            np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32),
+            reads.astype(np.uint32),
+            np.array(start, dtype=np.uint16),
+            typing.repairs(self.operators),
+            np.concatenate([row_kinds[start], row_kinds]),
+            self.base,
+        )

@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
-from gpmodel.evolution.representation import Population
+from gpmodel.evolution.representation import Population, program_of
 from gpmodel.evolution.scoring import Scores
 from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
@@ -102,7 +102,7 @@ def description_length(solution: Solution, problem: SlotProblem) -> float:
 
 def program_at(population: Population, row: int, chosen: int, layout: Layout) -> Program:
     """Return the program at `row` of a population with the outputs in the bit set ``chosen``."""
-    return population.program(row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
+    return program_of(population, row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:

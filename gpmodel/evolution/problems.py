@@ -9,8 +9,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
+from gpmodel.evolution.code import Code
 from gpmodel.evolution.description_length import fit_nats, ranked
-from gpmodel.evolution.engine import BLOCK, Code, compensator_fitness
+from gpmodel.evolution.engine import BLOCK, compensator_fitness
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.scoring import Scores, slot_scores
 

@@ -16,8 +16,9 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.evolution.between import PointsBetween
+from gpmodel.evolution.code import Code
 from gpmodel.evolution.constants import polish
-from gpmodel.evolution.engine import Code, values
+from gpmodel.evolution.engine import values
 from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.founders import combine
 from gpmodel.evolution.generations import Generations
@@ -27,7 +28,7 @@ from gpmodel.evolution.memetic import Formulas, evolve_formulas
 from gpmodel.evolution.pareto import Archive
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
-from gpmodel.evolution.representation import Population
+from gpmodel.evolution.representation import Population, program_of
 from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.expression import parse
@@ -275,7 +276,7 @@ class _Island:
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
         count = self.run.layout.outputs
         for one in [self.archive.kept[size] for size in sizes]:
-            program = one.population.program(0, self.run.layout)
+            program = program_of(one.population, 0, self.run.layout)
             above, below = ([program.select([k]) for k in range(count) if one.chosen >> k + s & 1] for s in (0, count))
             yield from self.formulas([above], below)
 

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.engine import Code
+from gpmodel.evolution.code import Code
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
-from gpmodel.formula.program import Program
+from gpmodel.formula.operators import BY_CODE
+from gpmodel.formula.program import Builder, Program
 
 Rows = NDArray[np.intp]
 
@@ -29,12 +30,6 @@ class Population(Protocol):
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
         """Return a function from a slice of programs to their effective code; threads call it concurrently."""
-
-    def program(self, row: int, layout: Layout) -> Program:
-        """Return the program at `row`, with ``layout.outputs`` outputs."""
-
-    def constants_of(self, row: int) -> Array:
-        """Return the constants that the program at `row` carries."""
 
     def with_constants(self, row: int, values: Array) -> Self:
         """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
@@ -64,6 +59,22 @@ class Representation(Protocol):
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
         """Return the object that creates and varies programs. start: first values of outputs (compensator: x, y, z)."""
+
+
+def program_of(population: Population, row: int, layout: Layout) -> Program:
+    """Return the program at `row` of a population, with ``layout.outputs`` outputs, from its effective code."""
+    from gpmodel.evolution.kernels.machine import CONSTANT, ROW
+
+    code, builder = population.decoder(layout)(slice(row, row + 1)), Builder()
+    rows = [*map(builder.input, layout.inputs), *map(builder.constant, (*layout.constants, 0.0))]
+    for word in code.words[0, : code.length[0]].tolist():
+        number, first, second = word & ROW, word >> 16 & ROW, word >> 32
+        if number == CONSTANT:
+            rows.append(builder.constant(float(code.constants[0, first])))
+        else:
+            operator = BY_CODE[number]
+            rows.append(builder.apply(operator.name, *(rows[k] for k in (first, second)[: operator.arity])))
+    return builder.program(rows[k] for k in code.outputs[0].tolist())
 
 
 def label(representation: Representation) -> str:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.evolution.code import Code
 from gpmodel.evolution.description_length import ranked
-from gpmodel.evolution.engine import Code, sizes, values, workspace
+from gpmodel.evolution.engine import sizes, values, workspace
 from gpmodel.evolution.projection import Targets
 
 

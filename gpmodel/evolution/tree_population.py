@@ -10,11 +10,9 @@ from deap import gp
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from gpmodel.evolution.engine import Code
-from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE, OWN_CONSTANT, Forest
+from gpmodel.evolution.code import Code
+from gpmodel.evolution.forest import OWN_BYTE, OWN_CONSTANT, Forest
 from gpmodel.evolution.machine import Layout
-from gpmodel.formula.operators import BY_CODE
-from gpmodel.formula.program import Builder, Program
 
 
 class OperatorNode(gp.Primitive):
@@ -122,12 +120,6 @@ class Trees:
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
         return partial(self.forest.decoded, layout)
 
-    def program(self, row: int, layout: Layout) -> Program:
-        return program_of(self.individuals[row], layout)
-
-    def constants_of(self, row: int) -> Array:
-        return np.array(self.individuals[row].constants)
-
     def with_constants(self, row: int, values: Array) -> "Trees":
         remaining = iter(values.tolist())
         trees = []
@@ -140,34 +132,3 @@ class Trees:
                     copy[k] = own
             trees.append(copy)
         return Trees((Individual(tuple(trees)),))
-
-
-def program_of(individual: Individual, layout: Layout) -> Program:
-    """Return the trees of an individual as one Program with one output per tree. An operator that is not allowed for
-    its kinds of arguments is replaced, or becomes its first argument."""
-    builder = Builder()
-
-    def leaf(node: gp.Terminal) -> tuple[int, int]:
-        if node.code == OWN_BYTE:
-            return builder.constant(node.value), 0
-        row = node.code - OPERATOR_CODES
-        if row < len(layout.inputs):
-            return builder.input(layout.inputs[row]), int(layout.row_kinds[row])
-        return builder.constant(layout.constants[row - len(layout.inputs)]), 0
-
-    outputs = []
-    for tree in individual.trees:
-        stack: list[tuple[int, int]] = []
-        for node in reversed(tree):
-            if node.arity == 0:
-                stack.append(leaf(node))
-                continue
-            arguments = [stack.pop() for _ in range(node.arity)]
-            code, kind = node.code, 0
-            if layout.kinds:
-                kinds = [kind for _, kind in arguments]
-                code, kind = divmod(int(layout.replacements[code, kinds[0], kinds[1] if len(kinds) > 1 else 0]), 256)
-            made = builder.apply(BY_CODE[code].name, *(k for k, _ in arguments)) if code else None
-            stack.append(arguments[0] if made is None else (made, kind))
-        outputs.append(stack[0][0])
-    return builder.program(outputs)

@@ -1,16 +1,21 @@
 """Compiled kernels against their NumPy twins."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 
 from gpmodel.evolution import engine, linear, tree_breeding
+from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE
 from gpmodel.evolution.kernels import breeding, elementary
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.representation import Population, program_of
 from gpmodel.evolution.scoring import slot_scores
-from gpmodel.formula.operators import ARITHMETIC, TABLE_CONSTANTS, Operator, operator_set
+from gpmodel.formula.operators import ARITHMETIC, BY_CODE, STORE, TABLE_CONSTANTS, Operator, operator_set
 
 SPECIAL = np.array(
     [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324, 1e-310, 1e308, -1e308, 0.5, -0.5, 0.99, 30.0,
@@ -80,6 +85,41 @@ def population(layout: Layout, representation: str, count: int, rng: np.random.G
     return tree_breeding.TreeBreeding(layout, start_depth=6).initial(count, rng)
 
 
+def interpreted(programs: Population, row: int, layout: Layout, columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Run a program by its definition: a sequence gene by gene, a tree node by node."""
+    poses = len(next(iter(columns.values())))
+    rows = [*columns.values(), *(np.full(poses, c) for c in (*layout.constants, 0.0))]
+    with np.errstate(all="ignore"):
+        if isinstance(programs, linear.Sequences):
+            rows += [np.full(poses, c) for c in programs.constants[row]]
+            return run_sequence(programs.genes[row].tolist(), layout, rows)
+        return np.array([run_tree(iter(tree), rows) for tree in programs.individuals[row].trees])
+
+
+def run_sequence(genes: list[int], layout: Layout, rows: list[np.ndarray]) -> np.ndarray:
+    registers = [rows[layout.zero_row if name is None else layout.inputs.index(name)] for name in layout.start]
+    accumulator, pending = registers[0], iter(genes)
+    for gene in pending:
+        code = int(layout.opcode_table[gene])
+        if code in BY_CODE and BY_CODE[code].arity == 1:
+            accumulator = BY_CODE[code].function(accumulator)
+        elif (operand := next(pending, None)) is not None:
+            where, number = layout.operand(code, operand)
+            value = registers[number] if where == "register" else rows[number]
+            if code == STORE:
+                registers[number] = accumulator
+            else:
+                accumulator = BY_CODE[code].function(accumulator, value) if code in BY_CODE else value
+    return np.array(registers[: layout.outputs])
+
+
+def run_tree(nodes: Iterator[Any], rows: list[np.ndarray]) -> np.ndarray:
+    node = next(nodes)
+    if node.arity:
+        return BY_CODE[node.code].function(*[run_tree(nodes, rows) for _ in range(node.arity)])
+    return np.full(len(rows[0]), node.value) if node.code == OWN_BYTE else rows[node.code - OPERATOR_CODES]
+
+
 @pytest.mark.parametrize("representation", ["linear", "tree"])
 @pytest.mark.parametrize("name", LAYOUTS)
 @pytest.mark.parametrize("poses", [1, 40, 300])
@@ -94,9 +134,10 @@ def test_programs_run_like_their_numpy_selves(name: str, representation: str, po
     sizes = engine.sizes(code, layout.base)
     compared = 0
     for p in range(60):
-        program = programs.program(p, layout)
-        expected = program.evaluate(columns)
-        nearby = program.evaluate({name: column * (1 + 1e-12) for name, column in columns.items()})
+        program = program_of(programs, p, layout)
+        expected = interpreted(programs, p, layout, columns)
+        nearby = interpreted(programs, p, layout, {name: column * (1 + 1e-12) for name, column in columns.items()})
+        np.testing.assert_array_equal(program.evaluate(columns), expected)
         with np.errstate(invalid="ignore"):
             stable = np.abs(nearby - expected) <= 1e-8 * (1.0 + np.abs(expected))
         np.testing.assert_allclose(found[p][stable], expected[stable], rtol=1e-6, atol=1e-7)
@@ -111,7 +152,7 @@ def test_equal_effective_code_has_an_equal_hash_and_other_code_another() -> None
     decode = programs.decoder(layout)
     hashes = decode(slice(0, 400)).hashes
     words = [
-        (code.words[0, : code.count[0]].tobytes(), code.outputs[0].tobytes(), code.constants[0].tobytes())
+        (code.words[0, : code.length[0]].tobytes(), code.outputs[0].tobytes(), code.constants[0].tobytes())
         for code in (decode(slice(p, p + 1)) for p in range(400))
     ]
     constant_free = [w[:2] for w in words]
@@ -125,7 +166,7 @@ def test_dead_code_does_not_change_the_hash() -> None:
     genes = np.array([[0, 0, 2, 0, 14, 14, 14], [0, 0, 2, 0, 3, 0, 14]], dtype=np.uint8)
     code = linear.Sequences(genes, np.zeros((2, 0))).decoder(layout)(slice(0, 2))
     assert code.hashes[0] == code.hashes[1]
-    assert code.count.tolist() == [0, 0]
+    assert code.length.tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("norm", ["max", "rms"])
@@ -189,7 +230,7 @@ def test_chosen_outputs_are_those_of_stepwise_least_squares() -> None:
                 if not trials:
                     break
                 chosen.append(max(trials, key=lambda k: trials[k]))
-                program = linear.program_of(programs.genes[p], programs.constants[p], layout)
+                program = program_of(programs, p, layout)
                 bits = sum(1 << k for k in chosen)
                 size = sum(int(sizes[p, m]) for m in range(8) if m & bits)
                 assert size >= program.select(chosen).complexity

@@ -4,28 +4,33 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.linear import SequenceBreeding, instructions, program_of
+from gpmodel.evolution.kernels.machine import split_instructions
+from gpmodel.evolution.linear import SequenceBreeding, Sequences
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.representation import program_of
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
 ELEMENTS = ("x", "y", "z", "J1", "J2", "J3", "J4", "J5", "J6")
 THESIS = Layout(ELEMENTS, operator_set("thesis"), TABLE_CONSTANTS, ("x", "y", "z", *[None] * 5), 3)
 
 
-def text(genes: list[int], layout: Layout = THESIS) -> str:
-    return str(program_of(np.array(genes, dtype=np.uint8), np.zeros(layout.own_constants), layout))
+def text(genes: list[int], layout: Layout = THESIS, constants: tuple[float, ...] = ()) -> str:
+    programs = Sequences(np.array([genes], dtype=np.uint8), np.array([constants]).reshape(1, -1))
+    return str(program_of(programs, 0, layout))
 
 
 def test_fig_5_4_decodes_as_printed() -> None:
     genes = np.array([0, 0, 2, 6, 16, 15, 4, 6], dtype=np.uint8)
-    assert instructions(genes, THESIS) == [(0, 0), (2, 6), (16, None), (15, None), (4, 6)]
+    pairs = np.empty(9, np.uint16)
+    count = split_instructions(genes, THESIS.tables.op_codes, pairs)
+    assert [divmod(pair, 256) for pair in pairs[:count].tolist()] == [(0, 0), (2, 6), (16, 0), (15, 0), (4, 6)]
     assert text([*genes, 2, 0]) == "cos(tan(x)) - x, y, z"
 
 
 @pytest.mark.parametrize(
     ("genes", "expected"),
     [
-        ([], "x, y, z"),
+        ([14], "x, y, z"),
         ([14, 2, 0], "sin(x), y, z"),
         ([0, 3, 2, 1], "x, J1, z"),
         ([1, 2, 2, 0], "z, y, z"),
@@ -35,7 +40,7 @@ def test_fig_5_4_decodes_as_printed() -> None:
         ([0, 3, 2, 0, 2], "J1, y, z"),
         ([0, 3, 2, 0, 3], "J1, y, z"),
     ],
-    ids=["empty", "accumulator starts as r0", "input and store", "load", "constants follow the inputs",
+    ids=["no store", "accumulator starts as r0", "input and store", "load", "constants follow the inputs",
          "registers start at 0", "through a register", "store without its operand", "add without its operand"],
 )  # fmt: skip
 def test_open_choices(genes: list[int], expected: str) -> None:
@@ -59,8 +64,7 @@ def test_every_element_register_and_operand_can_be_named() -> None:
 
 def test_own_constants_are_elements_after_the_fixed_ones() -> None:
     layout = Layout(("a",), operator_set("add"), (1.0,), ("a",), 1, 2)
-    program = program_of(np.array([0, 3, 2, 0], dtype=np.uint8), np.array([0.25, 0.75]), layout)
-    assert str(program) == "0.75"
+    assert text([0, 3, 2, 0], layout, (0.25, 0.75)) == "0.75"
 
 
 def test_children_do_not_depend_on_threads_and_have_streams_of_their_own() -> None:

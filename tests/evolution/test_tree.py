@@ -9,11 +9,16 @@ from deap import gp
 from gpmodel.errors import InputError
 from gpmodel.evolution.forest import OWN_BYTE, OWN_CONSTANT
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.representation import program_of
 from gpmodel.evolution.tree_breeding import TreeBreeding, depth_first_crossover, structure_mutation
-from gpmodel.evolution.tree_population import Individual, program_of
+from gpmodel.evolution.tree_population import Individual, Trees
 from gpmodel.formula.operators import operator_set
 
 LAYOUT = Layout(("a", "b"), operator_set("thesis"), (1.0,), (None, None), 2, 1)
+
+
+def texts(trees: Trees) -> list[str]:
+    return [str(program_of(trees, row, LAYOUT)) for row in range(len(trees))]
 
 
 def whole(tree: gp.PrimitiveTree) -> bool:
@@ -36,7 +41,7 @@ def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -
         mothers, fathers = rng.integers(0, 60, (2, 60))
         trees = breeding.offspring(trees, mothers, fathers, rng)
     assert all(whole(tree) and tree.height <= depth for i in trees.individuals for tree in i.trees)
-    assert len({str(program_of(i, LAYOUT)) for i in trees.individuals}) > 10
+    assert len(set(texts(trees))) > 10
 
 
 @pytest.mark.parametrize("cross", [depth_first_crossover, structure_mutation])
@@ -66,7 +71,7 @@ def test_the_same_generator_gives_the_same_trees_and_pythons_is_left_alone() -> 
         rng = np.random.default_rng(8)
         start = breeding.initial(40, rng)
         children = breeding.offspring(start, np.arange(40), np.arange(40)[::-1].copy(), rng)
-        populations.append([str(program_of(i, LAYOUT)) for i in children.individuals])
+        populations.append(texts(children))
     assert populations[0] == populations[1]
     assert random.getstate() == before
 

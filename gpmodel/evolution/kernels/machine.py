@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import IntArray
+from gpmodel.evolution.code import Tables
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
@@ -46,7 +47,7 @@ def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], p
 def allowed_instructions(
     pairs: NDArray[np.uint16],
     count: int,
-    operand_table: NDArray[np.uint16],
+    operands: NDArray[np.uint16],
     replacements: NDArray[np.uint16],
     kinds: NDArray[np.uint8],
 ) -> int:
@@ -60,7 +61,7 @@ def allowed_instructions(
     for k in range(count):
         pair = np.int64(pairs[k])
         code = pair >> 8
-        cell = operand_table[pair]
+        cell = operands[pair]
         if code > 2:
             second = np.int64(kinds[cell]) if code <= LAST_BINARY else 0
             done = np.int64(replacements[code, accumulator, second])
@@ -78,9 +79,7 @@ def allowed_instructions(
 
 
 @inlined
-def reaching_instructions(
-    pairs: NDArray[np.uint16], count: int, read_mask: NDArray[np.uint32], write_mask: NDArray[np.uint32], outputs: int
-) -> int:
+def reaching_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, outputs: int) -> int:
     """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the position of
     the first.
 
@@ -89,13 +88,13 @@ def reaching_instructions(
     """
     needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
     end = count
-    while end > 0 and (write_mask[pairs[end - 1]] & needed) == 0:
+    while end > 0 and (tables.writes[pairs[end - 1]] & needed) == 0:
         end -= 1
     begin = count
     for k in range(end - 1, -1, -1):
         pair = pairs[k]
-        written = write_mask[pair]
-        read = read_mask[pair]
+        written = tables.writes[pair]
+        read = tables.reads[pair]
         live = (needed & written) != 0
         needed = (needed & ~written) | (read if live else np.uint32(0))
         pairs[begin - 1] = pair
@@ -108,9 +107,7 @@ def decode_sequence(
     pairs: NDArray[np.uint16],
     begin: int,
     end: int,
-    operand_table: NDArray[np.uint16],
-    start: NDArray[np.uint16],
-    base: int,
+    tables: Tables,
     constants: int,
     words: IntArray,
     outputs: NDArray[np.uint16],
@@ -118,17 +115,17 @@ def decode_sequence(
 ) -> int:
     """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
-    ``operand_table[pair]`` is the cell of an instruction's operand: a register, or a cell with the number of a row.
-    The last ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space,
-    with the row numbers after the registers and one further cell.
+    The cell of an instruction's operand is a register, or a cell with the number of a row. The last ``constants`` rows
+    are the program's constants; those in use become the first words. cells: scratch space, with the row numbers after
+    the registers and one further cell.
     """
-    count = 0
+    count, start, base = 0, tables.start, tables.base
     own = len(start) + base
     if constants:
         for c in range(constants):
             cells[own + c] = 0
         for k in range(begin, end):
-            cell = np.int64(operand_table[pairs[k]])
+            cell = np.int64(tables.operands[pairs[k]])
             cells[cell if cell >= own else len(cells) - 1] = 1
         for c in range(constants):
             words[count] = CONSTANT | (c << 16)
@@ -142,7 +139,7 @@ def decode_sequence(
     for k in range(begin, end):
         pair = pairs[k]
         code = np.int64(pair >> 8)
-        cell = np.int64(operand_table[pair])
+        cell = np.int64(tables.operands[pair])
         value = np.int64(cells[cell])
         cells[cell if code == 2 else unused] = accumulator
         words[count] = code | (accumulator << 16) | (value << 32)
@@ -158,9 +155,7 @@ def decode_sequence(
 def decode_trees(
     codes: NDArray[np.int16],
     bounds: NDArray[np.int32],
-    base: int,
-    replacements: NDArray[np.uint16],
-    row_kinds: NDArray[np.uint8],
+    tables: Tables,
     words: IntArray,
     outputs: NDArray[np.uint16],
     stack: IntArray,
@@ -169,10 +164,10 @@ def decode_trees(
     """Fill the instructions of the trees ``codes[bounds[k]:bounds[k + 1]]`` in prefix order; return their number.
 
     A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. An
-    operator that ``replacements`` (see ``Typing.repairs``) does not allow is replaced by another or by its argument.
+    operator that the tables do not allow is replaced by another or by its argument.
     stack, kinds: scratch space.
     """
-    typed = replacements.size > 0
+    typed, base, row_kinds = tables.replacements.size > 0, tables.base, tables.kinds[len(tables.start) :]
     count = 0
     for root in range(len(outputs)):
         top = 0
@@ -184,7 +179,7 @@ def decode_trees(
                 kind = kinds[top - 1]
                 second = stack[top - 2] if binary else 0
                 if typed:
-                    done = np.int64(replacements[code, kind, kinds[top - 2] if binary else 0])
+                    done = np.int64(tables.replacements[code, kind, kinds[top - 2] if binary else 0])
                     code = done >> 8
                     kind = done & 0xFF if done else kind
                 top -= 2 if binary else 1
