@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         axes.plot(generation, np.median(best, axis=0), color=f"C{colour}", label=name)
         axes.fill_between(generation, best.min(axis=0), best.max(axis=0), color=f"C{colour}", alpha=0.2, linewidth=0)
         print(name, rows[name], flush=True)
-    start = round(problem.initial_norm(), 4)
+    start = round(problem.initial_norm, 4)
     axes.axhline(start, color="0.6", linestyle="--", linewidth=1, label="standard model")
     axes.set_xscale("log")
     axes.set(xlabel="generation", ylabel="largest error on 40 training poses, mm", ylim=(0, 1.3 * start))

@@ -9,7 +9,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.constants import own_constants_polished
 from gpmodel.evolution.engine import over_slices
 from gpmodel.evolution.pareto import program_at
-from gpmodel.evolution.problems import CartesianProblem, Scored, SlotProblem
+from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.settings import Settings
@@ -22,7 +22,7 @@ POLISHED = 4
 class Generations:
     """Successive populations of programs for a search problem, under given settings, without a time limit."""
 
-    def __init__(self, problem: Scored, settings: Settings, rng: np.random.Generator) -> None:
+    def __init__(self, problem: Problem, settings: Settings, rng: np.random.Generator) -> None:
         self.problem, self.selection, self.budget, self.rng = problem, settings.selection, settings.budget, rng
         self.threads = self.budget.threads or cores()
         self.breeding = settings.representation.breeding(problem.inputs, problem.start, self.threads)
@@ -66,7 +66,8 @@ class Generations:
         mothers, fathers = self.selection.parents(scores, self.rng)
         children = self.breeding.offspring(population, mothers, fathers, self.rng)
         few = self.selection.eligible(count)
-        found = self.scores_of_eligible(children, few) if few < count else self.scores(children, known=scores)
+        early = few < count and isinstance(self.problem, CartesianProblem) and self.problem.can_stop_early
+        found = self.scores_of_eligible(children, few) if early else self.scores(children, known=scores)
         both = scores.join(found)
         keep = self.selection.survivors(both, count)
         return (children, found) if keep is None else (population.join(children).take(keep), both.take(keep))
@@ -78,8 +79,6 @@ class Generations:
         generation before. If fewer than ``few`` programs are below the limit, all programs are scored without the
         limit.
         """
-        if not self.problem.can_stop_early:
-            return self.scores(children)
         found = self.scores(children, self.cutoff)
         if np.count_nonzero(found.score <= self.cutoff) < few:
             found = self.scores(children)

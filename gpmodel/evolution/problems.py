@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -90,20 +90,13 @@ class CartesianProblem:
             raise InputError("measured: expected finite points, one column (x, y, z) a pose")
 
     @property
-    def sites(self) -> tuple[str, ...]:
-        """Names of the sites at which a program may act."""
-        return ("tip",)
-
-    @property
     def can_stop_early(self) -> bool:
+        """True if the scoring of a program may stop at a limit."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
-    def initial_norm(self) -> float:
-        """Return the norm of the distances of the model's points from the measured points, without compensation."""
-        return self._initial
-
     @cached_property
-    def _initial(self) -> float:
+    def initial_norm(self) -> float:
+        """Norm of the distances of the model's points from the measured points, without compensation."""
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
@@ -125,7 +118,7 @@ class CartesianProblem:
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
-            gain = 1.0 - fitness / self._initial
+            gain = 1.0 - fitness / self.initial_norm
         return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
 
 
@@ -145,16 +138,10 @@ class SlotProblem:
     is_over: Callable[[], bool] = never
     slice: ClassVar[int] = 512
     start: ClassVar[tuple[str, ...]] = ()
-    can_stop_early: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:
             raise InputError(f"targets: {self.targets.poses} poses, inputs have {self.inputs.values.shape[1]}")
-
-    @property
-    def sites(self) -> tuple[str, ...]:
-        """Names of the sites at which a program may act."""
-        return self.targets.names
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
         """Return the problem at one site with the inputs of the given names."""
@@ -172,30 +159,6 @@ class SlotProblem:
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """Return the problem with the residual permuted over the poses."""
         return replace(self, targets=self.targets.shuffled(rng))
-
-
-class Scored(Protocol):
-    """Interface of a search problem for the generations of evolution."""
-
-    @property
-    def inputs(self) -> Inputs:
-        """Columns that a program may use."""
-
-    @property
-    def start(self) -> tuple[str, ...]:
-        """Names of the inputs with which the registers of a program start."""
-
-    @property
-    def slice(self) -> int:
-        """Number of programs that are scored together."""
-
-    @property
-    def can_stop_early(self) -> bool:
-        """True if the scoring of a program may stop at a limit."""
-
-    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
-        """Return the scores of decoded programs. fixed: values (rows, poses) of inputs and constants. Scores above
-        ``cutoff`` may be infinite."""
 
 
 Problem = CartesianProblem | SlotProblem

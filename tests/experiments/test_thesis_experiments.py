@@ -42,7 +42,7 @@ def test_a_compensator_is_scored_in_millimetres():
     case = measured_robot(0)
     model = fit(case)
     problem = cartesian(model, case.poses.subset(case.train))
-    assert problem.initial_norm() == pytest.approx(1e3 * model.error.max(), abs=1e-5)
+    assert problem.initial_norm == pytest.approx(1e3 * model.error.max(), abs=1e-5)
 
 
 @pytest.mark.slow
