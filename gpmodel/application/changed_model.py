@@ -1,4 +1,4 @@
-"""Add possible changes to the model of a later session, and the motion of the tool by each."""
+"""Add possible changes of a machine to its model, and compute the motion of the tool by each change."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,9 +16,9 @@ from gpmodel.model.error_model import ErrorModel, Poses, observe
 
 
 def with_changes(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """Add the effects of changes to the model of a session; return it and one column D per parameter of the changes.
+    """Add possible changes of the machine to a model; return the model and one column D per parameter of the changes.
 
-    The columns D have the order of the columns of the changes.
+    The matrix D has its columns in the order of the changes.
     """
     saved, count = session.saved, problem.placement
     known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
@@ -46,7 +46,7 @@ def with_changes(session: Session, problem: Linearised, changes: Sequence[Possib
 def motions(
     session: Session, problem: Linearised, changes: Sequence[PossibleChange], poses: Poses
 ) -> tuple[Array, Array]:
-    """Return the derivatives (poses, 3, columns) of the measured point by the registration, and by the changes."""
+    """Return the derivatives (poses, 3, columns) of the measured point by registration and by possible changes."""
     changed, columns = with_changes(session, problem, changes)
     names = problem.placement_names
     size = problem.placement + len(changed.saved.theta)

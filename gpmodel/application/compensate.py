@@ -1,4 +1,4 @@
-"""Compute joint values that bring the real mechanism to given targets, with a limit on each correction."""
+"""Compute corrected joint values that bring the real mechanism to given targets, with a limit on the correction."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -38,13 +38,13 @@ LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
 SIDE = "side of play open"
 Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE, SIDE)
-"""Statuses of target rows that have corrected joint values."""
+"""Statuses of targets that have corrected joint values."""
 MAX_MOVE = float(np.radians(2.0))
 """Default largest correction of a joint, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad."""
 FULL_TURN = float(np.radians(361.0))
 """Largest rotation vector of a target, rad: a full turn with rounding."""
 DAMPED_ITERATIONS = 12
-"""Number of Levenberg-Marquardt steps with each damping."""
+"""Number of Levenberg-Marquardt steps of the inverse kinematics with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Damping weights of a radian of joint motion, m, relative to tool orientation (times ROTATION_WEIGHT). Each further
 damping weight reduces the joint motion about threefold."""
@@ -52,7 +52,7 @@ damping weight reduces the joint motion about threefold."""
 
 @dataclass(frozen=True)
 class TargetPoses:
-    """Target poses of the tool in the root frame; joint values of `dataset` are the initial values.
+    """Target poses of the tool in the root frame; inverse kinematics starts from the joint values of `dataset`.
 
     whole: True for position and orientation, False for position only. unreachable: row numbers of targets that the
     nominal mechanism cannot reach.
@@ -69,12 +69,12 @@ class Compensation:
     """Corrected joint values and the result for each target.
 
     q: corrected joint values, rad and m, NaN if the status has no corrected values.
-    status: status text, one of seven.
-    residual: remaining position error, m; turn: remaining orientation error, rad, NaN if not requested.
+    status: text that states whether and how the target is reached.
+    residual: remaining position error, m; turn: remaining orientation error, rad, NaN for position targets.
     correction: position error without compensation, m.
     sigma: standard deviation of the reached point in the root frame, m.
     outside: inputs beyond the ranges of the model.
-    residual to outside are NaN or empty for targets that the nominal mechanism cannot reach.
+    For targets that the nominal mechanism cannot reach, the fields from residual on are NaN or empty.
     """
 
     q: Array
@@ -91,8 +91,8 @@ def targets_in(
 ) -> TargetPoses:
     """Read targets from a table: joint values, or else x, y and z in the root frame.
 
-    text: cells of the table. path: name in messages. in_order: the targets are reached in the order of the rows. Raises
-    InputError for a table without targets for this mechanism.
+    text: cells of the table. path: name in messages. in_order: True if targets are approached in the order of the rows.
+    Raises InputError for a table without targets for this mechanism.
     """
     mechanism = saved.mechanism
     names = {split_header(str(c))[0] for c in text.columns}
@@ -131,7 +131,7 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
 
 
 def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
-    """Name the first unreachable row of compensated targets with x, y, z, and the number of further such rows."""
+    """Name the first unreachable target with its x, y, z, and the number of further unreachable targets."""
     rows = np.flatnonzero(corrected["status"] == LOST)
     if not len(rows):
         return ""
@@ -142,7 +142,7 @@ def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
 
 
 def of_frame(saved: SavedModel) -> SavedModel:
-    """Return the model for the origin of the measured frame instead of the tool point."""
+    """Return the model with the origin of the measured frame in the place of the tool point."""
     at_frame = dict.fromkeys(saved.placement.tool, np.eye(4))
     return replace(saved, placement=replace(saved.placement, tool=at_frame))
 
@@ -156,7 +156,7 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    A target is position and orientation with at least six joints for each tip of a pose, else the position. Raises
+    With at least six joints for each tip of a pose, a target has position and orientation, else a position. Raises
     InputError if the joint values do not belong to the machine of the model.
     """
     fitting = with_memory_columns(saved, matched_with_readings(saved, dataset))
@@ -195,9 +195,9 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
     """Return the joint values nearest to the initial values at which the real mechanism reaches each target.
 
-    No joint moves by more than `max_move`, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If,
-    near a singular pose, the orientation needs a larger move, the position is reached exactly and the orientation as
-    far as the limit allows. Raises InputError if an effect is infinite or undefined at a target.
+    No joint moves by more than `max_move`, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If the
+    orientation needs a larger move near a singular pose, the position is reached exactly and the orientation as far as
+    the limit allows. Raises InputError if an effect is infinite or undefined at a target.
     """
     saved = without_instrument(saved)
     targets = _closing_start(saved, targets)
@@ -225,7 +225,7 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
 
 
 def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
-    """Mark targets as unreachable if the real mechanism's loops cannot close at the nominal joint values.
+    """Mark targets as unreachable if the real mechanism's kinematic loops cannot close at the nominal joint values.
 
     Unreachable targets get the joint values of another row as initial values.
     """
@@ -248,8 +248,8 @@ def corrected(
 ) -> tuple[Array, Words]:
     """Return joint values and status of each target as `compensate` does, without a check of measured ranges.
 
-    saved: model without the errors of the instrument. part: True to reach the orientation only partly near singular
-    poses. Raises InputError if an effect is infinite or undefined at a target.
+    saved: model without errors of the instrument. part: True to reach the orientation only partly near singular poses.
+    Raises InputError if an effect is infinite or undefined at a target.
     """
     check_finite(saved, prepare(saved.mechanism, targets.dataset))
     dataset, start = targets.dataset, np.array(targets.dataset.q)
@@ -284,8 +284,8 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
 
 
 def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:
-    """Return joint values that reach the position, and a mask of the targets for which a damping keeps the move within
-    `max_move`.
+    """Return joint values that reach the target position, and a mask of the targets for which some damping keeps the
+    move within `max_move`.
 
     The least damping that keeps the move within `max_move` is used for the orientation. Source: damped least squares in
     the null space, Chiaverini (1997).
@@ -303,7 +303,7 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
 
 
 def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
-    """Return joint values q that reach the position, and the remaining position error, m, by steps dq.
+    """Iterate joint values q to the target position by steps dq, and return the remaining position error, m.
 
         dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
 

@@ -1,4 +1,4 @@
-"""Define search problems of evolution for a residual: a compensator of the tool point, or programs at the sites."""
+"""Define problems of genetic programming for a residual: a compensator of the tool point, or programs at sites."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ and the values of sin, cos and atan."""
 def cartesian_task(
     fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
 ) -> TrainingProblem:
-    """Return the problem of a compensator on the training rows, with its gain on the held-out rows."""
+    """Return the problem of a Cartesian compensator on training poses, with its gain on held-out poses."""
     problem = cartesian_problem(fit, poses, train, norm)
     if not len(held):
         return TrainingProblem(problem, None)
@@ -51,16 +51,16 @@ def cartesian_task(
 
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
-    """Return the search problem of programs at all sites (frame and axis) of the mechanism, priced as in `discover`."""
+    """Return the problem of programs at all sites (frame and axis) of a mechanism, with the penalties of `discover`."""
     residual = residual_of(fit, seen, Criteria(), seed)
     return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
 
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
-    """Return the problem of a compensator, Fig 5.2 of Robertson (2003), from model points to measured points, mm.
+    """Return the problem of a compensator from modelled to measured points, mm: Fig 5.2 of Robertson (2003).
 
-    The points are in the root frame. Inputs, as in Table 5.1: the point, the joint values, and every varying
-    column. rows: poses. Raises InputError if no pose has all three coordinates."""
+    The points are in the root frame. Inputs are, as in Table 5.1, the point, the joint values, and every varying
+    column. rows: numbers of the poses. Raises InputError if no pose has all three coordinates."""
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):
         raise InputError(f"{poses.dataset.source}: no pose has x, y and z; expected all three for a compensator")

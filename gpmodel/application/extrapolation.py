@@ -1,4 +1,4 @@
-"""Errors of a model at columns and payloads beyond those of its fit."""
+"""Errors of a model at inputs and payloads beyond the ranges of its fit."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ from gpmodel.table.units import clock_names
 
 
 def columns_beyond(saved: SavedModel, poses: Poses) -> set[str]:
-    """Return the columns of a later table that the model reads and that are beyond the range of the fit."""
+    """Return the columns of a later table that are inputs of the model and exceed the range of its fit."""
     read = {name for effect in saved.model.effects for name in effect.inputs} - clock_names(saved.input_units)
     extras = poses.dataset.extras
     return {
@@ -31,10 +31,10 @@ def extrapolated(saved: SavedModel, fitted: Placement, problem: Linearised) -> A
     """Return the errors of a model at rows of a later session beyond the fit, m, one column per unknown, of one
     standard deviation each; without columns within the ranges of the fit.
 
-    An effect with the column h at the fit, F the columns of the fitted parameters, and g, G the columns later, is known
-    to ± σ/|h - F b| from the fit, with F b the part that the parameters absorbed. Later it moves the rows by g - G b.
-    The effects are those of the catalogue that read a column beyond its range. The centre of mass of a payload beyond
-    the range that no description states is within the lever of the tool point.
+    With the columns h of an effect and F of the fitted parameters at the fit, and g, G at later rows, the effect is
+    known to ± σ/|h - F b| from the fit, with F b the part that the parameters absorbed. The effect moves later rows by
+    g - G b. The effects are effects of the catalogue with an input beyond its range. The unstated centre of mass of a
+    payload beyond the range is taken to lie within the lever of the tool point.
     """
     return np.column_stack(
         [np.zeros((len(problem.residual), 0)), *_unlearned(saved, fitted, problem), *_carried(saved, problem)]
@@ -68,7 +68,7 @@ def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Ite
 
 
 def _carried(saved: SavedModel, problem: Linearised) -> Iterator[Array]:
-    """Yield the displacement by a centre of mass of the payload off its place, along each axis of the tool."""
+    """Yield the displacement of rows by a payload with a shifted centre of mass, along each axis of the tool."""
     if choice_of(saved.mechanism).payload_com is not None or saved.measured is None:
         return
     known, payload = saved.measured.dataset.payload, problem.poses.dataset.payload

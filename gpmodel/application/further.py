@@ -1,6 +1,6 @@
 """Errors at poses that were not fitted: bounds by simulation, errors of `predict` at held-out poses, discrepancy.
 
-Each simulation draws the model's parameters from their covariance, and the noise with uncertain scale and tails.
+Each simulation draws the model's parameters from their covariance, and noise with uncertain scale and tails.
 Source: JCGM 101 (2008), propagation of distributions.
 
 Model discrepancy is the error of a fitted model that is neither noise nor uncertainty of its parameters. With r
@@ -40,18 +40,18 @@ from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.table.bundles import sharing
 
 POSES = 1000
-"""Number of poses of each simulated session."""
+"""Number of poses of each simulated session of further measurements."""
 WORLDS = 400
-"""Number of simulated sessions. With 400 the 95 % quantile is known to about a percent."""
+"""Number of simulated sessions of further measurements. With 400 the 95 % quantile is known to about a percent."""
 LARGEST_LEVERAGE = 0.95
-"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is rounding error."""
+"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is a rounding error."""
 FEWEST = 10
-"""Least degrees of freedom of the residuals for a bound on further poses, and to separate noise and discrepancy."""
+"""Least degrees of freedom of residuals for error bounds, and to separate noise from model discrepancy."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Statistic of further poses, mm: median over the simulations, and quantile at the confidence level."""
+    """Statistic of the errors at further poses, mm: median over simulations, and quantile at the confidence level."""
 
     typical_mm: NotNegative
     bound_mm: NotNegative
@@ -61,8 +61,8 @@ class Bound:
 class ErrorBounds:
     """Distance between measured and predicted point at `poses` further poses within the measured joint ranges.
 
-    rms, within_95, largest: root mean square, 95th percentile and maximum of the distance. The confidence holds for
-    each bound separately.
+    rms, within_95, largest: root mean square, 95th percentile and maximum of the distance. The confidence level holds
+    for each bound separately.
     """
 
     poses: Count
@@ -75,10 +75,10 @@ class ErrorBounds:
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
     """Bound the errors that a model fitted to `poses` has at further poses.
 
-    The result is None if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown
+    No bound is computed if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown
     at further poses, or the measurements hardly outnumber the unknowns.
     spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None for
-    `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by spread / fit.sigma.
+    `fit.sigma`. A search for effects fits a part of the noise, so that residuals are too small by spread / fit.sigma.
     """
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
@@ -105,13 +105,13 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
-    """Return the effective number of independent coordinates of the rows `use`, minus the number of unknowns."""
+    """Return the degrees of freedom of rows: effective number of independent coordinates minus number of unknowns."""
     fitted = problem.weights[use] > 0
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
 
 def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
-    """Return the leave-one-out residuals, m, of the rows `use`: r / (1 - h) with leverage h.
+    """Compute the leave-one-out residuals, m, of the rows `use`: r / (1 - h) with leverage h.
 
     Also return the variance of the prediction of each row in units of the noise variance: h / (1 - h).
     """
@@ -132,7 +132,7 @@ def _over_worlds(
     """Return bounds on the error at further poses by simulation.
 
     columns: derivatives of the predicted points by the unknowns. covariance: of the unknowns. excess: factor on the
-    standard deviation of the noise.
+    noise.
     """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -148,12 +148,12 @@ def _bound(worlds: Array) -> Bound:
 
 
 def saved_step(found: Discovery) -> int:
-    """Return the number of the saved step: the last step if held-out poses confirm it, else the standard model."""
+    """Return the number of the saved model: the last model if held-out poses confirm it, else the standard model."""
     return len(found.steps) - 1 if found.confirmed else 1
 
 
 def heldout_fits(found: Discovery) -> tuple[HeldOutFit, ...]:
-    """Return the fits of the saved step with their held-out poses: one fit per fold, or a single fit."""
+    """Return the fits of the saved model with their held-out poses: one fit per fold, or a single fit."""
     number = saved_step(found)
     return tuple(
         HeldOutFit(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
@@ -171,7 +171,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
 
 def heldout_errors(poses: Poses, parts: Sequence[HeldOutFit], *, as_measured: bool) -> Array:
-    """Return the 3-D error of every pose by the fit that excluded the pose, m; NaN without such a fit."""
+    """Return the 3-D error of every pose, m, by the fit that held the pose out; NaN if no fit did."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -189,7 +189,7 @@ def with_discrepancy(
         discrepancy² = max(0, mean square held-out error - noise² - variance by parameters and other causes)
 
     parts: fits with held-out poses; if empty, each pose is left out in turn. noise: specified standard deviation of the
-    instrument, m; None for `noise_within`. Only poses with x, y and z count.
+    instrument, m; None for `noise_within`. Only poses with measured x, y and z count.
     """
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
@@ -233,7 +233,7 @@ def _by_parameters(part: HeldOutFit) -> tuple[Array, Array]:
 
 
 def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
-    """Return squared errors and variances of every fitted pose, m², predicted by the fit without that pose."""
+    """Return squared leave-one-out errors and prediction variances of every fitted pose, m²."""
     rows = np.setdiff1d(_whole(poses), fit.outliers)
     if fit.freedom < FEWEST:
         return np.zeros((0, 3)), np.zeros((0, 3))
@@ -242,22 +242,22 @@ def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
 
 
 MOST_POSES = 200
-"""Number of poses, evenly spaced along the rows, from which noise and discrepancy are estimated. 600 coordinates give
-the noise to 3 %."""
+"""Number of poses, evenly spaced along the rows, from which noise and discrepancy are estimated. With 600 coordinates
+the noise is known to 3 %."""
 LENGTHS = (0.3, 0.08)
-"""Correlation lengths of the discrepancy, as shares of a joint's range: one period over the range, and four."""
+"""Correlation lengths of the model discrepancy, as shares of a joint's range: one period over the range, and four."""
 ORDER = 4
-"""Largest number of joints in a term of the discrepancy. With two joints per term, one more simulated robot in a
+"""Largest number of joints in a term of the model discrepancy. With two joints per term, one more simulated robot in a
 hundred has an error above two sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
-"""Grid of the variance ratio γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
+"""Grid of γ, the variance ratio of model discrepancy and noise. Below 0.01 discrepancy changes no standard error."""
 
 
 def noise_within(fit: Calibration, poses: Poses) -> float:
-    """Estimate the standard deviation of the noise of one coordinate without discrepancy; at most `fit.sigma`.
+    """Estimate the noise of one coordinate without model discrepancy, a standard deviation, m; at most `fit.sigma`.
 
-    The estimate is an average of the variance without discrepancy and the variances at the most likely γ of each
-    covariance K, with Akaike weights (one nat per unknown). Source: Burnham and Anderson (2002), 2.9.
+    The estimated variance is an average of the variance without discrepancy and the variances at the most likely γ of
+    each covariance K, with Akaike weights (one nat per unknown). Source: Burnham and Anderson (2002), 2.9.
     """
     rows = _independent(fit, poses)
     if poses.dataset.joints_approximate or not len(rows):
@@ -277,7 +277,7 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
 
 
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, float]:
-    """Return the ratio of the noise variances at the most likely γ and at γ = 0, and the odds of the two γ.
+    """Return the ratio of the noise variances at the most likely γ and at γ = 0, and the odds of these two.
 
     rest: orthonormal basis of the residual space of a fit. kernel: correlation matrix of the discrepancy, of mean
     variance one. residual: residual of the fit. γ: variance of the discrepancy over the variance of the noise."""
@@ -299,10 +299,10 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 
 
 def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Array]:
-    """Yield covariances of the discrepancy of all coordinates, of mean variance one: one by joint values, then others.
+    """Yield covariances of model discrepancy of all coordinates, of mean variance one: by joint values, then others.
 
     A covariance is Σ c cᵀ over axes (c: displacement by an error twist), each block times the correlation of two poses.
-    The others add payload, row and further columns, one at a time."""
+    Further covariances add payload, row and other columns, one at a time."""
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
@@ -319,8 +319,8 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
 def joint_correlation(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
     """Return the correlation of an unknown function of the joint values q at every two poses.
 
-    The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints). lengths:
-    correlation lengths as shares of a joint's range.
+    The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints), with the
+    distance d in correlation lengths. lengths: correlation lengths as shares of a joint's range.
     """
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]

@@ -28,24 +28,24 @@ from gpmodel.table.dataset import Dataset, with_payload
 REACHED = 1e-7
 """Largest distance from a target that counts as reached, m: a tenth of the displayed micrometre."""
 ITERATIONS = 60
-"""Largest number of Newton steps to a target. Near a solution every step squares the error, so that more steps do not
-help."""
+"""Largest number of Newton steps of inverse kinematics to a target. Near a solution every step squares the error, so
+that more steps do not help."""
 DAMPING = 1e-12
-"""Smallest damping, m²/rad²: smaller than rounding errors, so that steps near a solution are Newton steps."""
+"""Smallest damping of inverse kinematics, m²/rad²: so small that steps near a solution are Newton steps."""
 LONGEST_STEP = 0.3
-"""Largest change of a joint in one step, rad or m. For larger changes the linearisation is wrong."""
+"""Largest change of a joint in one step, rad or m. For larger changes the linearised kinematics is inaccurate."""
 POOL = 4096
-"""Number of random initial values for Cartesian targets: four values for each of six joints."""
+"""Number of random initial joint values for Cartesian targets: four for each combination of six joints."""
 NEAREST = 6
-"""Number of nearest initial values that are tried first for a target: the number of joints of most arms."""
+"""Number of nearest initial joint values that are tried first for a target: the number of joints of most arms."""
 SEEDS = 24
-"""Number of random initial values tried before a target is called unreachable."""
+"""Number of random initial joint values tried before a target is called unreachable."""
 UNSOLVED = 1e3
-"""Cost added to joint values that miss the target, larger than every distance from the middle of the joint ranges."""
+"""Cost of missing a target, larger than every distance of joint values from the middle of their ranges."""
 
 
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
-    """Return the poses and the predicted tool frames in the root frame, nominal or calibrated."""
+    """Return the poses and their tool frames in the root frame, by the nominal or the calibrated mechanism."""
     root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
     bare = replace(dataset, distances={}, observations=())
     if nominal:
@@ -80,10 +80,9 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
     """Return joint values near the values in `dataset` that reach the targets, and the remaining error, m.
 
-    The solver is Levenberg-Marquardt for each pose separately. Source: Moré (1978). Rows of different tips with equal
-    initial joint values are one pose, whose joint values reach the targets of all tips. whole: True for position and
-    orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
-    cannot close.
+    The solver is Levenberg-Marquardt for each pose separately. Source: Moré (1978). Rows of different tips (of several
+    arms) with equal initial joint values are one pose, which reaches all their targets. whole: True for position and
+    orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if kinematic loops cannot close.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
     pose = poses_of_tips(dataset)
@@ -107,7 +106,7 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
 
 
 def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
-    """Return error and Jacobian as `error_and_jacobian` does; infinite and zero for poses at which a closed loop of the
+    """Return the errors to the targets and their Jacobian; infinite and zero for poses at which a closed loop of the
     mechanism cannot close."""
     model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
     able = closing(model, dataset, saved.theta[: len(model.effects)])
@@ -145,7 +144,7 @@ def inverse(
     """Return nominal joint values for targets in the root frame, and a mask of the reached targets.
 
     Of several solutions, the solution nearest the middle of the joint ranges is returned. Initial values are the poses
-    of a random pool with the nearest tools, then random values. Without a solution the nearest initial values remain.
+    of a random pool with the nearest tools, then random values. Unreached targets keep the nearest initial values.
     """
     pool = random_poses(saved.mechanism, POOL, rng)
     many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)
@@ -163,7 +162,7 @@ def inverse(
 
 
 def _place(frames: Array, whole: bool) -> Array:
-    """Return points whose distance measures the difference of tool poses: position, and axes times ROTATION_WEIGHT."""
+    """Return points whose distance measures the difference of tool poses: positions, and axes times ROTATION_WEIGHT."""
     axes = ROTATION_WEIGHT * frames[:, :3, :3].reshape(len(frames), 9)
     return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
 
@@ -188,11 +187,11 @@ def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, start
 
 
 LOADS = ("payload", "torque_", "moment_", "force_")
-"""First letters of the names of inputs that depend on the payload."""
+"""First letters of the names of input columns that depend on the payload."""
 
 
 def with_model_labels(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the dataset with the model's payload, and with labels of the model's set-ups and tools.
+    """Match a dataset to a model: fill in the model's payload, and labels of its set-ups and tools.
 
     Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
     """
@@ -223,7 +222,7 @@ def with_model_labels(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the dataset as `with_model_labels` does, after a check that the table is of the model's machine.
+    """Match a dataset to a model as `with_model_labels` does, after a check that both are of one machine.
 
     Raises InputError for unknown labels or inputs, and if the residual of most positions exceeds POOR_LENGTH after a
     fit of registration and tool point.
@@ -251,8 +250,8 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
 def with_memory_columns(saved: SavedModel, dataset: Dataset, more: Iterable[Effect] = ()) -> Dataset:
     """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
-    more: further effects that read such inputs. With these columns, small changes of joint values keep the direction of
-    approach.
+    more: further effects with inputs from earlier rows. As columns, such inputs do not change with small corrections of
+    joint values.
     Raises InputError if the rows are not known to be in order.
     """
     read = {name for effect in (*saved.model.effects, *more) for name in effect.inputs if read_by(name)}

@@ -1,4 +1,4 @@
-"""Write and read model.json: a fitted model for prediction and compensation, and the table of its fit."""
+"""Write and read model.json: a fitted model for prediction and compensation, and the table it was fitted to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,14 +34,14 @@ from gpmodel.texts import SEAL, parse_json, seal
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured table, and the numbers of its rows that were held out of selection."""
+    """A measured table, and the numbers of the rows that were held out from the selection of effects."""
 
     dataset: Dataset
     heldout: IntArray
 
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
-    """Return the measured table as JSON, SI; None without a table, or with a kind of measurement that tables cannot
+    """Return the measured table as JSON, SI; None if a table lacks or has a kind of measurement that tables cannot
     hold."""
     if measured is None or not all(
         isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
@@ -70,7 +70,7 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
 
 
 def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
-    """Read the record of `measured_record`. Raises InputError for a record with other joints."""
+    """Read a measured table from its JSON record. Raises InputError for a record with other joints."""
     joints = mechanism.joints
     count = len(record.row)
     if {len(row) for row in record.q} - {len(joints)}:
@@ -106,7 +106,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
 
 
 def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
-    """Return the dataset with the weights of pixels and angles, m per pixel or radian, by name of the instrument."""
+    """Set the weights of pixels and angles in a dataset, m per pixel or radian, by name of the instrument."""
     return replace(
         dataset,
         observations=tuple(
@@ -127,7 +127,7 @@ def _numbers(values: Sequence[object]) -> Array:
 class SavedModel:
     """Fitted model as saved in model.json.
 
-    theta, stderr: values and standard errors of the effects in their SI units, stderr NaN where not fitted. covariance:
+    theta, stderr: values and standard errors of the effects in SI units, stderr NaN where not fitted. covariance:
     covariance of registration, tool and effects.
     rotation_weight: weight of a radian, m. sigma: residual standard deviation of one component, m. freedom: degrees of
     freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
@@ -155,7 +155,7 @@ class SavedModel:
 
     @property
     def lever(self) -> float:
-        """Distance of the farthest tool point from the flange, m."""
+        """Distance, m, of the model's farthest tool point from the flange."""
         return max((float(np.linalg.norm(frame[:3, 3])) for frame in self.placement.tool.values()), default=0.0)
 
     @property
@@ -165,7 +165,7 @@ class SavedModel:
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism of the model."""
+        """The mechanism whose errors the model describes."""
         return self.model.mechanism
 
     @property
@@ -176,12 +176,12 @@ class SavedModel:
 
     @property
     def names(self) -> Mapping[str, str]:
-        """Map from the mechanism's names of joints, and of inputs named after joints, to names in the table."""
+        """Map from the mechanism's names of joints, and of inputs with joint names, to names in the table."""
         return table_names([joint.name for joint in self.mechanism.joints], self.columns)
 
 
 def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
-    """Reduce a calibration on `poses` to a saved model. heldout: numbers of the rows that selection did not use."""
+    """Reduce a calibration on `poses` to a model for a file. heldout: numbers of rows that selection did not use."""
     dataset = poses.dataset
     read = needed(fit.model, dataset)
     columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}
@@ -218,14 +218,14 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
 
 
 def _unknowns(key: str, values: Sequence[float]) -> Array:
-    """Return the unknowns of an instrument; files of an earlier version lack the zero of a distance, which is added."""
+    """Return the unknowns of an instrument; the zero offset of a distance, which older files lack, is added."""
     if key.startswith("distance_") and len(values) not in (3, 4):
         raise InputError(f"anchors_m: {key} has {len(values)} numbers; expected x, y, z and the zero")
     return np.array((*values, 0.0) if key.startswith("distance_") and len(values) == 3 else values)
 
 
 def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
-    """Return the content of model.json with its checksum. more: additional JSON content, ignored on reading.
+    """Return the content of model.json with its checksum. more: additional JSON content, not read back.
 
     Raises InputError for a basis function whose text is not an expression; such a model exists only in Python.
     """

@@ -20,29 +20,29 @@ from gpmodel.mechanism.source import LONGEST_JOINT
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 KIND, SCHEMA = "gpmodel model", 3
-"""Kind and schema version in model.json."""
+"""Entries of model.json that state the kind of file and its schema version."""
 SCHEMAS = (2, SCHEMA)
-"""Schemas that can be read. Before schema 3 the covariance was stored as a full matrix; in schema 3 a row ends at the
-diagonal."""
+"""Schema versions of model.json that can be read. Before schema 3 the covariance was stored as a full matrix; in schema
+3 a row ends at the diagonal."""
 LARGEST_FILE = 64 << 20
-"""Largest accepted file, bytes: a hundred times a model with all families and the description of a humanoid."""
+"""Largest accepted model file, bytes: a hundred times a model of a humanoid with all families of effects."""
 MOST_EFFECTS = 2000
-"""Largest number of effects: ten times that of the largest model of an arm with all families."""
+"""Largest number of effects in a model file: ten times that of an arm with all families of effects."""
 MOST_TERMS = 64
-"""Largest number of sites of one effect. Effects of all masses act at every joint of a chain."""
+"""Largest number of sites of one effect in a model file. Effects of all masses act at every joint of a chain."""
 MOST_COLUMNS = 500
-"""Largest number of columns of a table, and of labels of one kind."""
+"""Largest number of columns of a table in a model file, and of labels of one kind."""
 MOST_UNKNOWNS = 5000
-"""Largest number of unknowns of registration, tools and instruments. One pose of a ball bar has five."""
+"""Largest number of unknowns of registration, tools and instruments in a model file. A pose of a ball bar has five."""
 MOST_ROWS = 1_000_000
-"""Largest number of rows of a table: a hundred times the largest measured table."""
+"""Largest number of rows of a table in a model file: a hundred times the largest measured table."""
 LARGEST_NUMBER = 1e13
-"""Largest absolute value, SI. Lengths, stiffnesses and coordinates of machines are smaller, and so is a time in
-milliseconds since 1970."""
+"""Largest absolute value in a model file, SI. Lengths, stiffnesses and coordinates of machines are smaller, and so is a
+time in milliseconds since 1970."""
 CORRELATION_TOLERANCE = 1e-6
-"""Largest rounding error of a correlation outside [-1, 1]."""
+"""Largest accepted rounding error of a correlation outside [-1, 1]."""
 ROTATION_TOLERANCE = 1e-6
-"""Largest deviation of the axes of a frame from orthonormal, by rounding in the file."""
+"""Largest accepted deviation of a frame's axes from orthonormal, by rounding in the file."""
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
@@ -50,7 +50,7 @@ Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
 Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=UNBROKEN)]
 Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=UNBROKEN)]
 Word = Annotated[str, msgspec.Meta(max_length=LONGEST_JOINT, pattern=r"^[^\W\d]\w*\Z")]
-"""Type of a column name that is usable in an expression."""
+"""Type of a JSON text that is the name of a column, usable in an expression."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
 FileName = Annotated[
     str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00-\x1f\x7f\x85\u2028\u2029]+\Z")
@@ -67,7 +67,7 @@ Unknowns = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=16)]
 
 
 class TermPart(msgspec.Struct, frozen=True):
-    """One term of an effect."""
+    """One term of an effect in model.json."""
 
     slot: Label
     axis: Label
@@ -84,8 +84,8 @@ class RigidPart(msgspec.Struct, frozen=True):
 
 
 class EffectPart(msgspec.Struct, frozen=True):
-    """Effect and its fitted value. prior: prior standard deviation, null without prior. stderr: standard error, null if
-    not fitted."""
+    """Effect and its fitted value in model.json. prior: prior standard deviation, null without prior. stderr: standard
+    error, null if not fitted."""
 
     name: Label
     family: Name
@@ -117,7 +117,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):
-    """Table that a model was fitted to, SI, with one value or row of values per pose; null if not measured.
+    """Table that a model was fitted to, SI, one value or list of values per pose; null if not measured.
 
     counted_m: weight of a pixel or radian, m.
     """
@@ -154,7 +154,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
 class ModelPart(msgspec.Struct, frozen=True):
     """Content of model.json without its checksum; unknown keys are ignored.
 
-    noise_m, discrepancy_m: null and zero in files of versions that did not estimate these values.
+    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
     others, over_causes: effects that are alternative explanations of a finding, and the second moment of all unknowns
     over these alternatives; empty without alternatives.
     """
@@ -233,7 +233,7 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True)
 class Sealed(Generic[Part]):
-    """Kind of file with a checksum.
+    """Description of a kind of file with a checksum.
 
     kind, schemas: accepted entries of the file. part: structure of the content. word, expected: names for messages.
     """
@@ -261,7 +261,7 @@ def read_part(path: Path) -> ModelPart:
 
 
 def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
-    """Return the content of a file and its checksum.
+    """Read a JSON file with a checksum, and return content and checksum.
 
     Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, or an invalid
     field.

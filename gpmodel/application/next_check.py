@@ -1,9 +1,9 @@
-"""Check a model pose by pose: select the pose to measure next, and decide when the check ends.
+"""Check a machine against its model pose by pose: select the next pose to measure, and decide when to stop.
 
-With n poses, each of the two tests of a model has the significance FALSE_ALARM · 6 / (π² k²), k = n - 5. All tests
-together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends when a
-change is identified, or when any change of a joint zero, the tool, the geometry or the size of an effect that moves the
-tool by more than a limit would be significant.
+With n poses, each of the two tests of a model has the significance level FALSE_ALARM · 6 / (π² k²), k = n - 5. All
+tests together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends
+when a change is identified, or when any change of a joint zero, the tool, the geometry or the size of an effect that
+moves the tool by more than a limit would be significant.
 """
 
 import math
@@ -28,26 +28,25 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 LAST = 20
-"""Number of different poses of the last earlier test that counts. Later tests have a level below FALSE_ALARM / 700."""
+"""Number of poses of the last test whose report is kept. Later tests have a level below FALSE_ALARM / 700."""
 EXCLUDED: tuple[Kind, ...] = ("zero", "tool", "size", "geometry")
-"""Kinds of change that a check excludes before a machine holds."""
+"""Kinds of change that a check has to exclude before it confirms the model of a machine."""
 FALSE_ALARM = 0.05
 """Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
-"""Number of different poses before the first test. With one wrong measurement, five remain for registration and tool.
-"""
+"""Number of different poses before the first test. If one is wrong, five poses remain for registration and tool."""
 SEEN = 1e-6
 """Least share of a joint zero's displacement that registration does not absorb. With a smaller share, the poses do not
 determine the joint zero."""
 SAME = 1e-4
-"""Largest difference of joint values of one pose, rad or m."""
+"""Largest difference of joint values that count as one pose, rad or m."""
 
 
 @dataclass(frozen=True)
 class HiddenChange:
-    """A possible change that may be undetected.
+    """A possible change of a machine that its check may not have detected.
 
-    moves: largest resulting displacement of the tool, m, RMS over the poses, without the part that a registration
+    moves: largest displacement of the tool by the change, m, RMS over the poses, without the part that registration
     absorbs.
     """
 
@@ -56,16 +55,16 @@ class HiddenChange:
 
 
 def significance(poses: int) -> float:
-    """Return the significance level of each of the two tests for a number of poses."""
+    """Return the significance level of each of the two tests of a check for a number of poses."""
     look = max(poses - FIRST + 1, 1)
     return 0.5 * FALSE_ALARM * 6.0 / (math.pi * look) ** 2
 
 
 def level(saved: SavedModel, dataset: Dataset) -> float:
-    """Return the significance level of the present test: that of the first test that reported a change, if any did.
+    """Return the significance level of a check's present test: that of the first test that reported a change, if any.
 
-    The tests are those of the first 6, 7, ... different poses. A change that one test reports remains reported as long
-    as it is significant at the level of that test, which spends no further part of FALSE_ALARM.
+    Earlier tests used the first 6, 7, ... different poses. A change that a test reports remains reported as long as it
+    is significant at the level of that test, which adds nothing to FALSE_ALARM.
     """
     bundle = sharing(dataset)
     starts = np.sort(np.unique(bundle, return_index=True)[1])
@@ -82,7 +81,7 @@ def level(saved: SavedModel, dataset: Dataset) -> float:
 class Pool:
     """Candidate poses of a check: the poses of the model's fit, which the arm can reach.
 
-    found: result of the check so far; None with too few poses for a test.
+    found: result of the check so far; None if there are too few poses for a test.
     """
 
     saved: SavedModel
@@ -105,17 +104,17 @@ class Pool:
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the numbers of the candidate poses not among `taken`; all numbers if every pose is among `taken`."""
+        """Return the numbers of the candidate poses that are not in `taken`, or of all poses if `taken` has all."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @cached_property
     def _tried(self) -> list[PossibleChange]:
-        """Changes of the machine that a check of a machine that holds has to exclude."""
+        """Changes of the machine that a check has to exclude before it confirms the model."""
         return [] if self.found is None else [c for c in self.found.tried if c.kind in EXCLUDED]
 
     def reads(self, change: PossibleChange) -> bool:
-        """Return whether the candidate poses have all inputs of a change."""
+        """Return whether the candidate poses have all inputs (columns) of a possible change."""
         assert self.found is not None
         inputs = {name for effect in change.effects for name in effect.inputs}
         return inputs & set(self.found.session.poses.states.columns) <= set(self.poses.states.columns)
@@ -127,7 +126,7 @@ class Pool:
     def unseen(self, level: float, limit: float) -> tuple[HiddenChange, ...]:
         """Return the possible changes that could move the tool by more than `limit`, m, without being detected.
 
-        level: significance level of the test.
+        level: significance level of the test for changes.
         """
         levers = _levers(*self._motions(self._tried, self.poses))
         share = np.concatenate([np.full(c.columns.shape[1], c.share) for c in self._tried])
@@ -140,8 +139,8 @@ class Pool:
     def next(self, taken: Array) -> Array:
         """Return the joint values of the next pose to measure, none of the poses `taken`.
 
-        The pose maximises the information on the suspected change, or else on the least determined one, relative to the
-        displacement of the tool. Without a test, the pose farthest from `taken` is returned.
+        The pose maximises the information on the suspected (else the least determined) change, relative to the tool's
+        displacement. Without a test, the pose farthest from `taken` is returned.
         """
         left = self.not_among(taken)
         if self.found is None:
@@ -158,12 +157,12 @@ class Pool:
 
 
 def _levers(placed: Array, moves: Array) -> Array:
-    """Return the displacement of the tool, m, RMS over poses, by each column; zero if the registration absorbs it."""
+    """Return the RMS displacement of the tool, m, by each parameter of a change; zero if registration absorbs it."""
     left, alone = _information(placed, moves), np.sum(moves**2, axis=(0, 1))
     return np.asarray(np.sqrt(np.where(left > SEEN * alone, left, 0.0) / len(placed)))
 
 
 def _information(placed: Array, moves: Array) -> Array:
-    """Return the sum of squares of the displacements by each column, after the registration is projected out."""
+    """Return the sum of squared displacements by each parameter, after the registration is projected out."""
     placed, moves = (part.reshape(-1, part.shape[2]) for part in (placed, moves))
     return np.asarray(np.sum(rank.remove(rank.orthonormal(placed), moves) ** 2, axis=0))

@@ -27,14 +27,14 @@ BUILT = 1e-3
 """Prior standard deviation of a geometric error, m or rad."""
 
 LITTLE = 1e-9
-"""Least information of the measured poses on a parameter, relative to all candidate poses; less is treated as none."""
+"""Least information of the measured poses on a parameter, relative to all candidate poses; less counts as none."""
 
 
 @dataclass(frozen=True)
 class Alternatives:
-    """A finding and its alternatives. effects: numbers of the effects of the finding in the model.
+    """A finding and its alternative causes. effects: numbers of the finding's effects in the model.
 
-    rivals: names and effects of alternative explanations, and odds of the finding against each alternative.
+    rivals: names and effects of the alternatives, and odds of the finding against each alternative.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Alternatives:
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
-    """Return the candidate joint values at which the mechanism's loops close with fitted errors; all without a model.
+    """Return the candidate joint values at which kinematic loops close with fitted errors; all without a model.
 
     Raises InputError if the model of closed loops does not contain its table.
     """
@@ -80,8 +80,8 @@ class PlanningContext:
         return cls(saved, measured, prepare(saved.mechanism, further), candidates)
 
     def point_problem(self, at: Poses | None = None) -> Design:
-        """Return the experimental-design problem of the predicted point: its variance, m², at candidate poses or `at`
-        (I-optimal)."""
+        """Return the experimental-design problem of the predicted point (I-optimal): its variance, m², at candidate
+        poses or at the poses `at`."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
         return _question(here, there, self.saved.sigma**2 * variance_root(over), self._believed)
@@ -95,7 +95,7 @@ class PlanningContext:
         return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
     def finding_problem(self, finding: Alternatives) -> Design:
-        """Return the experimental-design problem of a finding: standard error relative to the RMS displacement."""
+        """Return the experimental-design problem of a finding: its standard error relative to its RMS displacement."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
         theta, moves = self.saved.theta[finding.effects], variance_root(here[:, :, own])
@@ -104,7 +104,7 @@ class PlanningContext:
         return _question(here, there, weight, self._believed)
 
     def effects_problem(self, effects: tuple[Effect, ...]) -> Design:
-        """Return the experimental-design problem of effects outside the model: mean square displacement, m²."""
+        """Return the experimental-design problem of effects that are not in the model: mean square displacement, m²."""
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -126,7 +126,7 @@ class PlanningContext:
 
     @property
     def _believed(self) -> Array:
-        """Prior precision of each parameter: one over the variance.
+        """Prior precision (one over the variance) of each parameter of the model.
 
         Constants that the measured poses may not determine have the prior standard deviation BUILT.
         """
@@ -142,9 +142,9 @@ class PlanningContext:
         return np.concatenate([np.delete(columns, at, axis=2), shape[:, :, None]], axis=2)
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Return the derivatives of the coordinates by registration, tool, effects and `more`, over the noise σ.
+        """Return the derivatives of the coordinates by registration, tool, effects and `more`, over the noise σ. The
+        part of derivatives that unmeasured joints absorb is projected out.
 
-        The part that unmeasured joints absorb is projected out.
         """
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)

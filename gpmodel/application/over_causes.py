@@ -73,7 +73,7 @@ def ball_priors(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
 
 
 def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball) -> Effect | None:
-    """Return an effect transferred to another ball; None for other effects, or for an unknown standard error."""
+    """Transfer an effect of a ball joint to another ball; None if not transferable or of unknown standard error."""
     names = dict(zip(one.angles, there.angles, strict=False))
     if effect.constant or not set(effect.inputs) <= set(names) or not stderr > 0:
         return None
@@ -100,8 +100,8 @@ def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
 
 
 RARE = 1e-3
-"""Probability below which a cause is ignored. At this probability, a cause that changes a parameter by ten standard
-errors adds a tenth to its variance."""
+"""Probability below which a possible cause of a finding is ignored. At this probability, a cause that changes a
+parameter by ten standard errors adds a tenth to the parameter's variance."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +120,10 @@ class FittedCause:
 
 @dataclass(frozen=True)
 class CauseSet:
-    """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
+    """A finding, if any, and all alternative causes of the part of the residual that the finding explains.
 
     own: effects of the finding, with corrections of its constants. names: parameters of the model
-    without the finding. stated: the finding with its fitted coefficients.
+    without the finding. stated: the finding and its coefficients.
     """
 
     own: tuple[str, ...]
@@ -133,7 +133,7 @@ class CauseSet:
 
 
 def over_causes(found: Discovery) -> Discovery:
-    """Return a discovery whose fits to all poses have uncertainties over the causes of their findings."""
+    """Include in a search's fits to all poses the uncertainty about the causes of their findings."""
     fit = found.fitted.calibration
     with threadpool_limits(limits=1, user_api="blas"):
         stated = _stated(found, fit, found.fitted.candidates)
@@ -142,7 +142,7 @@ def over_causes(found: Discovery) -> Discovery:
 
 
 def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
-    """Return a fit to all poses with the uncertainty over the causes of each finding, or over one undetected effect.
+    """Include in a fit to all poses the uncertainty about the cause of each finding, or about one undetected effect.
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
     p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant of the model can
@@ -185,7 +185,7 @@ def causes_of(
 
 
 def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
-    """Fit effects to the residual of a model without the finding. system: columns of the model without the finding."""
+    """Fit a cause's effects to the residual without a finding. system: columns of the model without the finding."""
     if not effects:
         return FittedCause((), probability, np.zeros((system.shape[1], 0)), np.zeros(0), np.zeros((0, 0)))
     columns = residual.columns(effects)
@@ -207,8 +207,8 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
 def _system_of_fit(residual: Residual) -> Array:
     """Return the derivatives by registration, tool and effects, SI units, above the rows of all priors of the fit.
 
-    Priors of tool and geometry decide among parameter values that the measurements do not distinguish. The residual
-    does not depend on this choice, but the values of the parameters do.
+    Priors of tool and geometry decide among parameter values that the measurements do not distinguish: the residual is
+    equal for all of them, but the parameter values differ.
     """
     fit, problem = residual.calibration, residual.problem
     kept = np.isin([e.name for e in fit.model.effects], residual.names)
@@ -219,9 +219,9 @@ def _system_of_fit(residual: Residual) -> Array:
 def with_cause_variance(fit: Calibration, poses: Poses, places: Sequence[CauseSet]) -> Calibration:
     """Return a fit whose standard errors include the uncertainty about the causes of its findings.
 
-    The fit is unchanged if no finding has a probable alternative. The standard error of a finding assumes that the
-    finding is right, and includes the alternative causes of other findings. Predictions include only causes that joint
-    values determine.
+    The fit is unchanged if no finding has a probable alternative cause. The standard error of a finding assumes that
+    the finding is right, and includes the alternative causes of other findings. Predictions include only causes that
+    joint values determine.
     """
     if not any(one.probability > RARE for place in places for one in place.others):
         return fit
@@ -246,7 +246,7 @@ def with_cause_variance(fit: Calibration, poses: Poses, places: Sequence[CauseSe
 
 
 def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[PlacementNumber, ...]:
-    """Return registration and tool with covariance replaced by the second moments over the causes."""
+    """Replace the covariance of registration and tool by the second moments over the causes."""
     problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
     before, after = (placement_numbers(fit.placement, problem, one) for one in (values, moments))
     numbers = zip(fit.placement_numbers, before, after, strict=True)
@@ -279,7 +279,7 @@ def _moments(fit: Calibration, places: Sequence[CauseSet]) -> Array:
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
-    """Return the change of all parameters by a cause, and the covariance that the cause adds."""
+    """Return the change of all parameters if a given cause is true, and the covariance that the cause adds."""
     directions = np.zeros((len(number), len(cause.effects)))
     directions[rest] = cause.towards
     for k, effect in enumerate(cause.effects):

@@ -32,16 +32,16 @@ SHARES: dict[Kind, float] = {
     "growth": 1 / 24, "set-up": 1 / 12, "zero": 5 / 24, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6,
     "catalogue": 1 / 6,
 }  # fmt: skip
-"""Share of the significance, and prior probability, of each kind of change, in the order of checks by a repairer.
+"""Share of the significance level, and prior probability, of each kind of change, in the order of checks by a repairer.
 Within a kind the shares are in proportion to exp(-price). Frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
-"""Least share of a column's length that registration and tool do not absorb; a change with less is not tested."""
+"""Least part of a change that registration and tool do not absorb, for the change to be tested."""
 STANDING = "base"
-"""Name of the slot (frame) between the machine and its foundation."""
+"""Name of the frame (slot) between the machine and its foundation."""
 PIXELS = lens.NAMES[:4]
 """Names of the lens parameters that are in pixels."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
-"""Largest number of half waves of a drifting set-up along the rows, and least number of poses per half wave."""
+"""Largest number of half waves over the rows of a drifting set-up, and least number of poses per half wave."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class PossibleChange:
 
     columns: whitened derivatives of the measurements by the change, in `unit`; for kind `size`, by a relative change.
     kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
-    share: share of the significance level, and prior probability. price: price of the description, nats; zero for a
-    set-up, any of whose axes and rows is as likely as another.
+    share: share of the significance level, and prior probability. price: penalty of the description, nats; zero for a
+    set-up, because its axes and rows are equally likely.
     effects: effects that the change adds to the model. at: columns of the linear problem that the change moves, if the
     change adds no effect.
     """
@@ -77,7 +77,7 @@ class PossibleChange:
         return float(part @ part), len(part)
 
     def evidence(self, left: Recheck) -> float:
-        """Return the log posterior probability of the change as the only one, nats, up to a constant.
+        """Return the log posterior probability of the change as the only change, nats, up to a constant.
 
         The likelihood is Student's t, since σ is an estimate; p parameters at n rows cost p/2 ln n (Schwarz 1978).
         """
@@ -89,7 +89,7 @@ class PossibleChange:
         return z - rank.remove(self._parts[0], z)
 
     def fits_an_outlier(self, left: Recheck) -> bool:
-        """Return whether the explained part is mostly at one pose, and the other poses do not confirm the change."""
+        """Return whether the change explains mainly one pose, and the other poses do not confirm the change."""
         limits, after = Criteria(), left.z - self.part_of(left.z)
         gained = np.asarray(np.bincount(left.pose, left.z**2 - after**2), dtype=float)
         if not limits.rests_on_one_pose(gained):
@@ -109,14 +109,14 @@ class PossibleChange:
         return (float(values[0]) if alone or len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """Return the change with the columns of other changes projected out; all zeros if nothing remains."""
+        """Return the change with the columns of other changes projected out, zero if only rounding errors remain."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
 
 
 def zero_of(joint: str) -> str:
-    """Return the name of a joint's zero."""
+    """Return the name of the change of a joint's zero."""
     return f"zero of {joint}"
 
 
@@ -133,7 +133,7 @@ def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
 
 
 def _growth(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield the thermal growth of all lengths, at a temperature that the table need not state."""
+    """Yield the thermal growth of all lengths as a possible change, at a temperature that the table need not state."""
     for effect in arm_growth("scale of the machine", found.session.saved.mechanism, ONE, "1", "thermal_growth"):
         raw = found.problem.effect_rows([effect], found.session.saved.model)
         yield PossibleChange(effect.name, "growth", effect.unit, raw, effects=(effect,))
@@ -204,7 +204,7 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield changes of the constants other than joint zeros."""
+    """Yield changes of the geometric constants other than joint zeros."""
     mechanism = found.session.saved.mechanism
     zeros = {drive_effect("", joint, ONE).terms for joint in mechanism.joints}
     effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
@@ -214,7 +214,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield the candidates of the catalogue that the model lacks, with one number, or one amplitude and phase."""
+    """Yield possible changes: catalogue effects that the model lacks, of one number, or amplitude and phase."""
     model, poses = found.session.saved.model, found.problem.poses
     own = {effect.name for effect in model.effects}
     offered = [
@@ -236,7 +236,7 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def wander(found: Recheck) -> Array:
-    """Return whitened columns of a set-up that drifts slowly: cosines of half waves along the rows, for each axis of
+    """Return whitened columns of a slow drift of the set-up: cosines of half waves over the rows, for each axis of
     motion."""
     rows = found.problem.poses.dataset.row
     waves = min(HALF_WAVES, len(rows) // POSES_A_WAVE)
@@ -247,7 +247,7 @@ def wander(found: Recheck) -> Array:
 
 
 def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleChange]:
-    """Yield the changes with whitened columns, without those that the later poses could not reveal."""
+    """Yield the possible changes with whitened columns, without changes that the later poses cannot reveal."""
     ends = np.cumsum([change.columns.shape[1] for change in raw])[:-1]
     whole = found.spread.whiten(found.blocks.means(np.hstack([change.columns for change in raw])))
     parts = (np.split(columns, ends, axis=1) for columns in (whole, rank.remove(found.basis, whole)))
@@ -259,15 +259,15 @@ def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleCha
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
-"""Significance level of each of the two tests (whole residual; named changes). The sum is 1 %."""
+"""Significance level of each of the two tests of a model (whole residual; named changes). The sum is 1 %."""
 MOST = 4
-"""Largest number of identified changes. With more changes, the verdict is "another machine"."""
+"""Largest number of identified changes of a machine. With more changes, the verdict is "another machine"."""
 AS_LIKELY = 4.0
-"""Part of the chi-square of a change that another change need not explain: two standard deviations."""
+"""Part of the chi-square explained by a change that an equivalent change need not explain: two standard deviations."""
 LARGEST = 0.01
 """Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
 POWER = 0.9
-"""Probability with which a change called detectable is detected."""
+"""Probability that a change is detected, for the change to be called detectable."""
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class NamedChange:
 
 @dataclass(frozen=True)
 class Visible:
-    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs every change."""
+    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs all changes."""
 
     joint: str
     unit: str
@@ -301,10 +301,10 @@ class Visible:
 def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """Select the significant changes, the most probable first, each given the earlier ones; return the residual after
-    these changes, too.
+    """Select the significant changes of a machine, the most probable first, each given earlier changes; also return the
+    residual without all of them.
 
-    Changes that the poses do not distinguish are one change, with the name that a repairer checks first.
+    Changes that the poses do not distinguish count as one, named after the part that a repairer checks first.
 
     The chance of a change is that of its F ratio over its share of the significance level (weighted Bonferroni). A
     change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
@@ -334,7 +334,7 @@ def changes(
 
 
 def _likelihood(left: Recheck, explained: float = 0.0) -> float:
-    """Return the log likelihood, nats, of a residual of which a part of the chi-square is explained."""
+    """Return the log likelihood, nats, of a residual if a part of its chi-square is explained."""
     rest, freedom = max(left.chi_square - explained, 0.0), left.freedom
     return -0.5 * float(rest if np.isinf(freedom) else (freedom + left.degrees) * np.log1p(rest / freedom))
 

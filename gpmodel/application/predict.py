@@ -27,8 +27,8 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     """Return the standard deviation of each predicted point, m, without noise of the instrument; NaN if not fitted.
 
     The standard deviation is √(trace(J Σ Jᵀ) + 3 d²), with derivatives J of the point, covariance Σ of the parameters
-    over alternative explanations of the findings, and model discrepancy d. placed: True to include registration and
-    tool."""
+    over alternative explanations of the findings, and model discrepancy d. placed: True to include the uncertainty of
+    registration and tool."""
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
 
@@ -77,9 +77,9 @@ AT_ONCE = 5000
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
     """Return predicted columns for a table of poses, by header.
 
-    Columns: x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm] to
-    known anchors; solved approximate joint values with the residual [um], if points were measured; sigma [mm], the
-    standard deviation of the point; `outside`, the inputs beyond the ranges of the fit.
+    The columns are x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm]
+    from known fixed points; solved approximate joint values with the residual [um], if points were measured; sigma
+    [mm], the standard deviation of the point; `outside`, the inputs beyond the ranges of the fit.
     say: function called with progress messages. Raises InputError as `matched_with_readings`, or if an effect is
     infinite or undefined.
     """
@@ -93,7 +93,7 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
 
 
 def batches(count: int) -> list[IntArray]:
-    """Return the row numbers of a table, in order, in batches of at most AT_ONCE."""
+    """Divide the row numbers of a table, in order, into batches of at most AT_ONCE."""
     return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
@@ -132,7 +132,7 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
 def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
     """Add predicted columns to a table.
 
-    A prediction of an existing measured column, such as x or distance_A, is named `predicted_x`; columns of an earlier
+    A prediction of a column that the table has, such as x or distance_A, is named `predicted_x`; columns of an earlier
     prediction are replaced.
     """
     taken = {name for header in frame.columns if _MEASURED.fullmatch(name := split_header(str(header))[0])}

@@ -1,11 +1,11 @@
 """Residuals of a saved model on later poses, whitened so that they are standard normal if the model holds.
 
-With r the measured minus predicted coordinates, F the columns that every session fits again (registration,
-anchors), K the columns of tool and effects, whose values have covariance Σ, and σ the noise of a coordinate:
+With r the measured minus predicted coordinates, F the columns that every session fits again (such as registration), K
+the columns of tool and effects, whose values have covariance Σ, and σ the noise of a coordinate:
 
     r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
 
-Q projects out the span of V^(-1/2) F. If the model holds, |z|² is chi-square distributed with M - rank F degrees of
+Q projects out the span of V^(-1/2) F. If the model is valid, |z|² is chi-square distributed with M - rank F degrees of
 freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degrees has an F distribution. Source: Rao
 (1973), ch. 4a.
 """
@@ -36,15 +36,15 @@ from gpmodel.table.bundles import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
-"""Largest number of Gauss-Newton steps for the registration; each step excludes new outliers. Three steps suffice."""
+"""Largest number of Gauss-Newton steps for a later registration; each step excludes new outliers. Three suffice."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """A model with the registration of another session.
+    """A fitted model with the registration of a later session.
 
     use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
-    tool: True if the tool point is fitted again.
+    tool: True if the tool is fitted again.
     """
 
     saved: SavedModel
@@ -55,24 +55,24 @@ class Session:
 
     @property
     def problem(self) -> Linearised:
-        """Linear problem of registration, tool, anchors and all effects at the poses without outliers."""
+        """Linearised measurements of the later poses in registration, tool and all effects, without outliers."""
         saved = self.saved
         return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.rotation_weight, self.use)
 
     @property
     def observed(self) -> Observed:
-        """Predicted measurements of every pose."""
+        """Predicted measurements of every pose of the later session."""
         return observe(self.saved.model, self.poses, self.saved.theta, self.saved.placement)
 
     @property
     def errors(self) -> Array:
-        """3-D distance between measured and predicted point of each pose, m, also of outliers."""
+        """3-D distance between measured and predicted point of each later pose, m, also of outliers."""
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
         """Return a mask of the columns that the later session fits.
 
-        The session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
+        A later session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
         Effects and lenses keep the model's values.
         """
         held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
@@ -82,13 +82,13 @@ class Session:
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
-        """Return the session after a step of registration and tool, m and rad."""
+        """Return the later session after a step of registration and tool, m and rad."""
         placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
 
 def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
-    """Return each instrument of a dataset with its unknowns that persist between sessions and are in the model."""
+    """Return, by instrument of a dataset, the unknowns that persist between sessions and are in the model."""
     known, there = set(saved.covariance.placement), saved.placement.anchors
     return [
         (kind, key)
@@ -99,7 +99,7 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
 
 
 def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
-    """Fit the registration of later poses; the model is otherwise unchanged.
+    """Fit the registration of later poses to a model; its other parameters are unchanged.
 
     saved: model without effects that do not apply. start: initial registration and tool point, if the tool is also
     fitted; None to keep the model's tool point.
@@ -124,7 +124,7 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
 
 
 def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
-    """Return the model with the registration by Kabsch of the predicted points, as initial value."""
+    """Return the model with an initial registration, by Kabsch's method from predicted points."""
     root = tips(saved, dataset, nominal=False)[1].tip
     measured = np.isfinite(dataset.position).all(axis=1)
     registration = dict(saved.placement.registration)
@@ -139,7 +139,7 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:
-    """Return the 3-D distance of the points of a table from the model, m, in the registration of a session.
+    """Return the 3-D distance, m, of points of a table from a model's predictions, in a session's registration.
 
     Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
     """
@@ -154,12 +154,12 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
-"""Least number of different poses and of degrees of freedom for a verdict: the values for four registered points."""
+"""Least number of different poses and of degrees of freedom to test a model: the values for four registered points."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance V = σ² (I + U s² Uᵀ), U orthonormal. The mean of the repeats of a pose is one row."""
+    """Covariance V = σ² (I + U s² Uᵀ), U orthonormal. Repeats of a pose are averaged to one row."""
 
     sigma: float
     u: Array
@@ -170,7 +170,7 @@ class Spread:
         return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
 
     def restored(self, values: Array) -> Array:
-        """Return values times the root of the covariance V."""
+        """Return whitened values times the root of the covariance V."""
         return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
 
     def block(self, rows: IntArray) -> Array:
@@ -189,7 +189,7 @@ class Recheck:
     z: whitened residual. basis: orthonormal basis of the projected-out span.
     bundle: number of every pose, equal for repeats. pose: pose number of every row.
     freedom: degrees of freedom of the noise σ.
-    anew: names of the columns that the session fits, and the covariance of their parameters.
+    anew: names of the parameters that the session fits, and their covariance.
     """
 
     session: Session
@@ -215,12 +215,12 @@ class Recheck:
 
     @property
     def chance(self) -> float:
-        """Probability of a chi-square at least as large as |z|², if the model holds."""
+        """Probability of a chi-square at least as large as |z|² if the model is valid."""
         return chance_of_ratio(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def chance_of_less(self) -> float:
-        """Probability of a chi-square at most as large as |z|², if the model holds and the noise is that of the fit."""
+        """Probability of a chi-square at most as large as |z|² if the model is valid and has the noise of the fit."""
         return chance_of_less(self.chi_square / self.degrees, *self._as_many)
 
     @property
@@ -237,9 +237,9 @@ class Recheck:
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
-        """Expected RMS 3-D error of every pose, m, and the p-value of the actual error if the model holds.
+        """Expected RMS 3-D error of every later pose, m, and the p-value of the actual error if the model is valid.
 
-        The expectation includes the covariance V and the fitted registration. Excluded poses have NaN.
+        The expected error includes the covariance V and the fitted registration, and is NaN for excluded poses.
         """
         promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
@@ -255,7 +255,7 @@ class Recheck:
 
     @property
     def _turns(self) -> Mask:
-        """Mask of the rows that are angles."""
+        """Mask of the rows of the linear problem that are angles."""
         if self.problem.reduced is not None:
             return np.zeros(len(self.z), dtype=bool)
         component = np.nonzero(self.problem.weights > 0)[1]
@@ -263,17 +263,17 @@ class Recheck:
         return np.asarray(self.problem.observed.turns[component[first]])
 
     def whitened(self, columns: Array) -> Array:
-        """Return whitened columns of the linear problem, with the basis projected out."""
+        """Return whitened columns of the linear problem, with the session's fitted columns projected out."""
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
-        """Return the whitened residuals with further whitened columns projected out."""
+        """Project further whitened columns out of the whitened residuals."""
         more = rank.orthonormal(columns)
         return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
 
 
 def recheck(session: Session) -> Recheck:
-    """Return the whitened residuals of a session; raise InputError for too few poses."""
+    """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     bundle = sharing(session.poses.dataset)
     blocks = blocks_of(problem, bundle)
@@ -319,7 +319,7 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Return the position of each column of the problem in the covariance of the model; -1 if it has no variance."""
+    """Return for each column of the linear problem its position in the model's covariance, -1 if it has none."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
     variances = np.diag(saved.covariance.values)[len(names) :]

@@ -1,4 +1,4 @@
-"""Refit a model after an identified change to the poses of a check, with the former model as prior.
+"""Refit a model to the poses of a check that identified a change of the machine, with the former model as prior.
 
 Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters have the covariance Σ + D Dᵀ: one column
 of D per parameter, which moves the tool by WIDE times the RMS error of the poses. With x = m + L u, L Lᵀ = Σ + D Dᵀ,
@@ -38,24 +38,24 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2
-"""Ratio of the expected errors after repair and before the change at which no further pose is needed. At 1.1 twice as
+"""Ratio of the expected errors after refit and before the change at which no further pose is needed. At 1.1 twice as
 many poses are needed."""
 MOST_MORE = 30
-"""Largest number of further poses for a repair. A new calibration needs hardly more poses."""
+"""Largest number of further poses for the refit of a changed model. A new calibration needs hardly more poses."""
 WIDE = 10.0
 """Displacement of the tool by one prior standard deviation of a changed parameter, relative to the RMS error of the
-poses. The registration takes up to nine tenths of a displacement; a tenth of that shrinks the change by a percent."""
+poses. The registration absorbs up to nine tenths of a displacement; a tenth of the value shrinks the change by 1 %."""
 UNKNOWN = 0.02
-"""Standard deviation of a tool coordinate, m, above which the fit did not determine it. The prior of a fit is 1 m."""
+"""Standard deviation of a tool coordinate, m, above which the fit has not determined it. The prior is 1 m."""
 MOST_CAUSES = 8
-"""Largest number of rivals of a change whose repaired models are compared. With 95 % credible sets more are rare."""
+"""Largest number of alternatives to a change whose refitted models are compared. In 95 % sets more are rare."""
 KEPT_LABELS = ("setup", "tool", "tip")
-"""Labels that the rows of the fit keep when they are joined to the rows of the check."""
+"""Label columns of the fitted table that are kept when its rows are joined to the rows of the check."""
 
 
 @dataclass(frozen=True)
 class Renewed:
-    """A refitted parameter of the model, SI units: value and standard error, before and after the refit."""
+    """A refitted parameter of a changed model, SI units: value and standard error, before and after the refit."""
 
     name: str
     unit: str
@@ -65,7 +65,7 @@ class Renewed:
 
 @dataclass(frozen=True)
 class Repaired:
-    """Model of a machine after a change. numbers: the changed parameters.
+    """Model of a machine after a change. numbers: values of the changed parameters.
 
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
     now and before the change. `expected` includes that another change of the credible set may be the cause.
@@ -85,7 +85,7 @@ class Repaired:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Refitted session. changed: columns D of the changed parameters. left: linear system of the last step.
+    """Refitted model of a session. changed: columns D of the changed parameters. left: linear system of the last step.
 
     step: derivatives of all parameters of the model by the unknowns of the system.
     """
@@ -109,7 +109,7 @@ class _Fit:
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
     """Refit a model to the poses of a check that identified a change.
 
-    The repaired model is None if no change is identified, or if no measurement is in an instrument's frame.
+    The refitted model is None if no change is identified, or if no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
@@ -130,9 +130,9 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
 
 
 def _causes(found: Verified) -> Iterator[tuple[float, list[PossibleChange]]]:
-    """Yield the named changes, then the changes with one replaced by a rival, each with its probability.
+    """Yield the identified changes, then the changes with one replaced by an alternative, each with its probability.
 
-    The MOST_CAUSES most probable rivals of each change are included.
+    The MOST_CAUSES most probable alternatives of each change are included.
     """
     tried = {change.name: change for change in found.tried}
     named = [tried[c.name] for c in found.changes if c.name in tried]
@@ -156,7 +156,7 @@ def _tips(fit: _Fit, changes: Sequence[PossibleChange], pool: Pool) -> Array:
 
 
 def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
-    """Iterate to the posterior mode of the changed model, excluding outliers at each step."""
+    """Iterate to the posterior mode of the changed model's parameters, excluding outliers at each step."""
     session, changed = with_changes(near.session, near.problem, changes)
     sigma, total = near.spread.sigma, np.zeros(0)
     lever = np.sqrt(np.sum((session.problem.columns @ changed) ** 2, axis=0) / session.use.sum())
@@ -193,11 +193,10 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _determined(covariance: Array, problem: Linearised) -> Array:
-    """Return the covariance given the coordinates of tools that the fit did not determine.
+    """Return the model's covariance conditional on the tool coordinates that the fit did not determine.
 
-    An example is the height of the tool of an arm with parallel axes.
-
-    Predictions hardly depend on such a coordinate, but a step of it by its standard deviation changes every lever.
+    An undetermined coordinate is, for example, the height of the tool of an arm with parallel axes. Predictions hardly
+depend on the height, but a step of the height by its standard deviation changes every lever.
     """
     tools = [k for k, name in enumerate(problem.placement_names) if name.startswith("tool")]
     for k in tools:
@@ -208,8 +207,8 @@ def _determined(covariance: Array, problem: Linearised) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """Return the model's covariance in the order of the unknowns of a linear problem; zero where the model has no
-    estimate: for the registration and for the effects of new changes."""
+    """Return the model's covariance in the order of the unknowns of a linear problem; zero without an estimate in the
+    model: for the registration and for effects of new changes."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
     at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1
@@ -265,7 +264,7 @@ def _numbers(
 ) -> Iterator[Renewed]:
     """Yield every changed parameter except the set-up: effects, and tool points in the axes of the flange.
 
-    called: names of changes, by the terms of the effect of the change.
+    called: names of changes, by terms of their effects.
     """
     now, problem = fit.session.saved, fit.problem
     count, names = problem.placement, problem.placement_names
@@ -291,8 +290,8 @@ def _numbers(
 def _ahead(
     fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool, off: Sequence[Array]
 ) -> tuple[float, float, Array | None, Array | None]:
-    """Return the expected error, m, now and before the change, the further poses until the ratio is at most ENOUGH, and
-    the pose at which the causes differ most if the cause is not identified.
+    """Return the expected error, m, now and before the change, further poses until their ratio is at most ENOUGH, and
+    the pose at which the possible causes differ most.
 
     before: covariance of the former model. off: distances (N, 3) of the candidate points by the model of each rival
     from those by the named changes, times the root of the probability of the rival.

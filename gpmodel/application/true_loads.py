@@ -1,4 +1,4 @@
-"""Discovery under fitted loads, if the declared payload or direction of gravity does not explain the residual."""
+"""Search for effects under fitted loads, if the declared payload or gravity direction does not fit the residual."""
 
 import math
 from dataclasses import replace
@@ -30,12 +30,12 @@ def under_true_loads(
     train: IntArray,
     heldout: IntArray,
 ) -> Discovery:
-    """Run the discovery loop; run it again under fitted loads, and return the second result if it predicts better.
+    """Run the search for effects; repeat it under fitted loads, and return the second result if it predicts better.
 
-    The fitted loads explain the residual of the standard model or of the findings that follow no load. Both results
-    are compared by their cross-validated log likelihood on training poses, less the prices of their findings. The
-    constants of the loads, which are not cross-validated, cost one nat each (Akaike 1974).
-    loop: discovery loop with its settings, a function of mechanism, poses, training rows and held-out rows.
+    The loads are fitted to the residual of the standard model or of findings independent of loads. The results with and
+    without fitted loads are compared by their cross-validated log likelihood on training poses, less the penalties of
+    their findings. The constants of the loads, which are not cross-validated, cost one nat each (Akaike 1974).
+    loop: search with its settings, a function of mechanism, poses, training rows and held-out rows.
     """
     found = loop(mechanism, poses, train, heldout)
     other = _other_loads(found)
@@ -68,16 +68,16 @@ def _other_loads(found: Discovery) -> OtherLoads | None:
 
 
 def _worth(found: Discovery, criteria: Criteria) -> float:
-    """Return the log likelihood of cross-validated predictions, less the prices of the findings, nats."""
+    """Return the log likelihood of cross-validated predictions, less the penalties of the findings, nats."""
     residual = residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, JUDGED)
     price = sum(f.candidate.cost + criteria.minimum_nats for f in found.findings)
     return -residual.measured * math.log(cross_validated(residual, ()).rms) - price
 
 
 def _beside_payload(found: Discovery) -> Discovery:
-    """Return a discovery whose standard errors include those of a fitted payload.
+    """Include the standard errors of a fitted payload in all standard errors of a search result.
 
-    Mass and first moments of the payload are unknowns of value zero.
+    Corrections of mass and first moments of the payload are unknowns with the value zero.
     """
     if not found.findings:
         return found

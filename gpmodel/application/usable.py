@@ -19,14 +19,14 @@ from gpmodel.numerics import se3
 from gpmodel.table.units import clock_names
 
 MARGIN = 0.01
-"""Share of a range of the fit by which an input may exceed the range without a warning. The extremes of N poses fall
-short of the joint limits by about 1/N."""
+"""Share of an input's fitted range by which the input may exceed the range without a warning. The extremes of N poses
+fall short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
 """Shares of an input's fitted range by which a formula outside the catalogue is extrapolated: the first share if the
-formula is steady within it, else the second, else none. With 20 or 40 poses an equal share of a range is unsampled."""
+formula is steady within the share, else the second, else none. With 20 or 40 poses as large a share is unsampled."""
 LOOKS = 400
-"""Number of points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
+"""Number of points at which a formula's steadiness is tested within its input ranges, and beyond each edge."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Ended:
 
     @property
     def constant(self) -> float | None:
-        """Value if the basis function depends on row number and time alone, else None."""
+        """Value at the end of the session if the basis function depends on row number and time alone, else None."""
         return None if self.inputs else float(self({"": np.zeros(1)})[0])
 
     def __call__(self, states: Columns) -> Array:
@@ -95,20 +95,20 @@ class _At:
 
 
 def session_effects(saved: SavedModel) -> tuple[Effect, ...]:
-    """Return the effects that depend on the row number or a time, and so on the fitted session."""
+    """Return the effects that depend on the row number or a time, and therefore only describe the fitted session."""
     clocks = clock_names(saved.input_units)
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
 def persists(effect: Effect) -> bool:
-    """Return True if an effect persists after its session; errors of the instrument and reversible drift do not
-    persist."""
+    """Return whether an effect persists after the measured session; errors of the instrument and reversible drift do
+    not."""
     known = family(effect.family)
     return not effect.of_the_instrument and not (known and known.wanders)
 
 
 def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
-    """Return the model for other poses: at the end of the session, without the errors of the instrument.
+    """Return a model for new poses: at the end of the fitted session, without the errors of the instrument.
 
     A formula outside the catalogue is constant beyond the ranges of its inputs, and so is a creep of the set-up after
     the session. A reversible drift of set-up or instrument is omitted after the session.
@@ -124,10 +124,10 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
 
 
 def at_end(saved: SavedModel) -> SavedModel:
-    """Return the model with registration and tool of the end of the session.
+    """Return a model with registration and tool as at the end of the fitted session.
 
-    A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensation does not
-    correct the slip or move by joint values.
+    A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensated joint values
+    do not correct it.
     """
     slots, effects = saved.mechanism.slots, saved.model.effects
     ends = ((slots[0],), (slots[-1],))
@@ -208,7 +208,7 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> Clamped:
-    """Return a basis function clipped to the ranges of its inputs, which are slightly extended if no pole is near."""
+    """Return a basis function constant beyond the fitted ranges of its inputs, extended slightly if no pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
     if own and len(own) == len(basis.inputs):
         for reach in REACHES:
@@ -221,7 +221,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
 
 
 def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapping[str, tuple[float, float]]) -> bool:
-    """Return True if a basis function changes beyond its ranges by less than half of its change within the ranges."""
+    """Return whether a basis function changes beyond its input ranges by less than half of its change within them."""
     count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
@@ -232,7 +232,7 @@ def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapp
 
 
 def out_of_range(saved: SavedModel, states: States) -> tuple[str, ...]:
-    """List, for each pose, the inputs outside the ranges of the fit, with the names of the table; empty if all are
+    """List, for each pose, the inputs outside their fitted ranges, by their names in the table; empty if all are
     inside."""
     read = {name for effect in saved.model.effects for name in effect.inputs}
     words, called = np.full(len(states), "", dtype=object), saved.names

@@ -1,7 +1,7 @@
 """Test a fitted model on later poses, and identify what changed if the test fails.
 
 The registration is fitted again, because an instrument is never set up at an identical position. The tool point of the
-model is kept.
+model is not refitted.
 """
 
 from dataclasses import dataclass, replace
@@ -38,14 +38,14 @@ from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
-"""Largest error of a valid model, relative to the error of the nominal model."""
+"""Largest error of a model that can be valid, relative to the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Largest share of chi-square that second-order terms of a crash cause. The identified changes are complete if the
-remaining chi-square is not significant, or at most this share."""
+"""Largest share of chi-square that second-order terms of a crash cause. The identified changes of a machine are
+complete if the remaining chi-square is not significant, or at most this share."""
 
 COMPUTED = 0.02
 """Residual, in units of the noise of the fit, below which positions were computed from the model: no later instrument
-is fifty times better."""
+has a fiftieth of the noise."""
 FAR = 5e-4
 """RMS residual, m, above which the tool point is fitted again, not corrected linearly. At half a millimetre on a 0.2 m
 arm the second-order error of a rotation is a micrometre."""
@@ -57,8 +57,8 @@ class Verified:
 
     verdict: "holds", also if only the set-up moved during the session; "drifted"; "another machine", if the model is
     hardly better than nominal geometry and few changes do not explain the error.
-    found: residuals with the model's tool point. near: residuals for the identification of changes, with a refitted
-    tool point if the tool point is far from the model's.
+    found: residuals with the model's tool point. near: residuals for the identification of changes, after refitting the
+    tool point if it is far from the model's.
     alone: 3-D error, m, of nominal geometry with fitted registration and tool point.
     alone_turn: orientation error of nominal geometry, rad, NaN without measured orientation.
     outside: inputs beyond the model's ranges.
@@ -80,12 +80,12 @@ class Verified:
 
     @property
     def session(self) -> Session:
-        """The model with the registration of the later poses."""
+        """The fitted model with the registration of the later poses."""
         return self.found.session
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Return the rows of a table that differ from all rows of the fit; raise InputError if there is no such row."""
+    """Return the rows of a table that the model was not fitted to; raise InputError if there are none."""
     every = np.arange(len(dataset))
     if saved.measured is None:
         return every
@@ -105,9 +105,9 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
 def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFICANCE) -> Verified:
     """Test a model on later poses `dataset`. significance: significance level of each of the two tests.
 
-    The model holds if neither the whole residual nor a possible change is significant; see `application.recheck` and
-    `application.possible_changes`. Raises InputError if the poses do not fit the model, are too few, or have mixed-up
-    columns.
+    The model is valid ("holds") if neither the whole residual nor a possible change is significant; see
+    `application.recheck` and `application.possible_changes`. Raises InputError if the poses do not fit the model, are
+    too few, or have mixed-up columns.
     """
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
@@ -150,9 +150,9 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
 
 
 def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the table with pixels and angles weighed as in the table of the fit.
+    """Return the table with pixels and angles weighed as in the table that the model was fitted to.
 
-    Raises InputError for a unit whose noise the fit did not estimate.
+    Raises InputError for measurements in a unit whose noise the model does not contain.
     """
     fitted = () if saved.measured is None else observations(saved.measured.dataset)
     read = {kind.unit: kind.name for kind in fitted if kind.readings.any()} or {"m": "positions"}
@@ -179,8 +179,8 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
 
 
 def _near(found: Recheck, start: Placement) -> Recheck:
-    """Return the session with a refitted tool point if the error is too large for a linear test and the refit halves
-    the error; otherwise the session unchanged."""
+    """Refit the tool point of a later session if the error is too large for a linear test and the refit halves the
+    error; otherwise return the session unchanged."""
     session = found.session
     far = root_mean_square(session.errors[session.use])
     if far < FAR:
@@ -190,7 +190,7 @@ def _near(found: Recheck, start: Placement) -> Recheck:
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
-    """Return the displacements, m, of tool points and of objects on links relative to the model."""
+    """Return the displacements, m, of tool points and of objects on links relative to their positions in the model."""
     (names, covariance), now = found.anew, found.session.saved.placement
     moved = {f"tool{f' {n}' if n else ''}": (saved.placement.tool[n], frame) for n, frame in now.tool.items()}
     titles = {title: f"{title} point" for title in moved}

@@ -1,1 +1,1 @@
-"""Text, pages and pictures of saved results."""
+"""Text, pages and pictures of saved calibration results."""

@@ -1,4 +1,4 @@
-"""Build every report from a sequence of fits and the final model."""
+"""Build every report of calibration or search from a sequence of fits and the final model."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -41,9 +41,9 @@ class Ladder:
     """Fits of successively larger models to the rows `train` of `poses`, and the final model.
 
     final: fit to all poses, or to the rows `final_rows`.
-    named: requested effects in addition to the standard model, which are not listed among the parameters.
-    saved: the content of model.json; None if no file is written. shipped: number of the step of the saved model.
-    parts: fits of the step `shipped`, one per fold, with the held-out poses of the fold; None for a single fit.
+    named: effects requested by the user in addition to the standard model, not listed among the parameters.
+    saved: the content of model.json; None if no file is written. shipped: number of the step whose model is saved.
+    parts: one fit per fold of the step `shipped`, with the held-out poses of the fold; None for a single fit.
     """
 
     poses: Poses
@@ -63,7 +63,7 @@ class Ladder:
 
     @property
     def heldout_fits(self) -> tuple[HeldOutFit, ...]:
-        """Fits of the saved model's step, each fit with its held-out poses."""
+        """Fits of the model that is saved, each fit with its held-out poses."""
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         if self.parts is not None or not len(held):
             return self.parts or ()
@@ -71,7 +71,7 @@ class Ladder:
         return (HeldOutFit(fit, self.poses.subset(self.train), self.poses.subset(held)),)
 
     def as_predicted(self) -> "Ladder":
-        """Return the steps, with the held-out errors of `predict` in the step of the saved model."""
+        """Return the steps of the calibration, with held-out errors as by `gpmodel predict` for the saved model."""
         parts = self.heldout_fits
         if self.saved is None or not parts:
             return self
@@ -83,7 +83,7 @@ class Ladder:
 
     @property
     def outliers(self) -> IntArray:
-        """Row numbers of the outliers of the final fit or of the last fit to training poses."""
+        """Row numbers of outliers in the final fit or in the last fit to training poses."""
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
@@ -93,7 +93,7 @@ class Ladder:
         return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
 
     def records(self) -> Iterator[StepRecord]:
-        """Yield the errors of each step, without the outliers."""
+        """Yield the errors of the model after each step of the calibration, without outliers."""
         counts = self.counts
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         for step in self.steps:
@@ -109,7 +109,7 @@ class Ladder:
 
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
-    """Build the part of a Report that calibrations and searches have in common, with the joint names of the table."""
+    """Build the part of a Report that calibrations and searches have in common, with the table's joint names."""
     ladder = ladder.as_predicted()
     poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
@@ -157,7 +157,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
 
 
 def _predicted(ladder: Ladder) -> PredictedRecord | None:
-    """Return the errors of `predict` with and without instrument errors; None without a saved model."""
+    """Return the errors of `gpmodel predict` with and without instrument errors; None without a saved model."""
     saved, poses = ladder.saved, ladder.poses
     if saved is None:
         return None
@@ -171,20 +171,20 @@ OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px
 
 
 Judged = tuple[Calibration, Poses]
-"""A fit, and the poses at which the errors of the fit are computed."""
+"""A fitted model, and the poses at which its errors are computed."""
 
 
 def _judged(fit: Calibration, ladder: Ladder) -> Judged:
-    """Return the fit with the held-out poses, or with the training poses if none were held out."""
+    """Return a fit with its held-out poses, or with its training poses if none were held out."""
     held = np.setdiff1d(np.arange(len(ladder.poses)), ladder.train)
     return fit, ladder.poses.subset(held if len(held) else ladder.train)
 
 
 def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
-    """Return the RMS angle between measured and modelled orientation, mrad, after registration and after the last step.
+    """Return the RMS angle between measured and modelled orientation, mrad, of the first and of the last model.
 
-    The RMS is over the held-out poses, or over all poses if none were held out. The result is empty if no orientation
-    was measured. outliers: row numbers in the table.
+    The RMS angle is over held-out poses, or over all poses if none were held out. The result is empty without measured
+    orientations. outliers: row numbers in the table.
     """
     if not plots.turn_mrad:
         return ()
@@ -193,9 +193,8 @@ def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[Re
 
 
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
-    """Return the residuals after the first and the last step by kind of measurement; empty if only points were
-    measured.
-    steps: for each of the two steps, fits and the poses at which the errors of the fits are computed."""
+    """Return the RMS residuals of the first and the last model by kind of measurement, except points. steps: for each
+    of the two models, fits and the poses at which their errors are computed."""
     if not poses.dataset.observations:
         return ()
     left, out = [_left(step) for step in steps], []
@@ -210,7 +209,7 @@ def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[Re
 
 
 def _left(judged: Sequence[Judged]) -> dict[str, float]:
-    """Return the RMS residual of a component by kind of measurement, in SI units, without outliers."""
+    """Return the RMS residual of one measured component by kind of measurement, in SI units, without outliers."""
     left: dict[str, list[Array]] = {}
     for fit, poses in judged:
         error = errors_on(fit, poses)
@@ -222,7 +221,7 @@ def _left(judged: Sequence[Judged]) -> dict[str, float]:
 
 
 def _of_the_masses(final: Calibration, data: Dataset) -> Iterator[str]:
-    """State for which masses the compliances of a model hold, if their loads are computed, not measured."""
+    """State for which masses fitted compliances are valid, if joint loads are computed, not measured."""
     mechanism, families = final.model.mechanism, {family(e.family) for e in final.model.effects if e.family}
     if any(known is not None and known.yields for known in families) and not measured_torques(mechanism, data):
         yield (

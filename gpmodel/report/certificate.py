@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 BINS, MOST_BINS = 12, 96
-"""Number of bars up to the largest error after calibration; largest number of bars up to the largest of all errors.
+"""Numbers of histogram bars: up to the largest error after calibration, and at most up to the largest of all errors.
 Half as many bars hide the shape of the error distribution."""
 
 Heads = tuple[str, bool]
-"""Heading of the errors before calibration, and True if the errors after calibration are predicted."""
+"""Heading of errors before calibration in a certificate, and True if errors after calibration are predicted."""
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
@@ -46,8 +46,8 @@ def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Pictur
 
 
 def bins_of(errors: Array, tolerance_mm: float | None) -> list[float]:
-    """Return the edges of the histogram's bars, mm, up to the largest error or tolerance; the width of a bar suits the
-    errors after calibration."""
+    """Return the edges of the bars of an error histogram, mm, up to the largest error or tolerance; the width of a bar
+    suits the errors after calibration."""
     largest = max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001
     count = np.clip(np.ceil(BINS * largest / max(float(errors[:, 1].max()), 1e-9)), BINS, MOST_BINS)
     return [float(edge) for edge in np.linspace(0.0, largest, int(count) + 1)]
@@ -74,7 +74,7 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("largest", np.max),
     ("RMS", root_mean_square),
 )
-"""Statistics of the 3-D errors of at least two poses, by name."""
+"""Statistics of 3-D errors over at least two poses, by name."""
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
@@ -86,7 +86,7 @@ def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
     """Return the errors at held-out poses, mm, or at fitted poses if none were held out; None for fewer than two
     poses.
-    Errors before calibration: nominal geometry with registration and tool fitted. every: include outliers."""
+    Before calibration, registration and tool are fitted with nominal geometry. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]
@@ -110,11 +110,11 @@ SMALL_PRINT = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """Content of a certificate as text; empty fields are filled in by hand.
+    """Content of an accuracy certificate as text; empty fields are filled in by hand.
 
     statistics: name, value before calibration, value after calibration.
     before: heading of the errors before calibration.
-    predicted: True if the errors after calibration are predictions.
+    predicted: True if the errors after calibration are predicted, not measured.
     errors: error of each pose before and after calibration, mm; no pose if unknown.
     """
 
@@ -136,7 +136,7 @@ class Certificate:
 
     @property
     def answer(self) -> str:
-        """The accuracy of the machine in one sentence; empty if unknown."""
+        """The accuracy of the calibrated machine in one sentence; empty if unknown."""
         if len(self.errors) == 0:
             return ""
         before, after = (root_mean_square(errors) for errors in self.errors.T)
@@ -146,7 +146,7 @@ class Certificate:
 
     @property
     def heads(self) -> tuple[str, str]:
-        """Headings of the columns of the statistics before and after calibration."""
+        """Headings of the table columns with error statistics before and after calibration."""
         return f"{self.before}, mm", "after, predicted, mm" if self.predicted else "after, mm"
 
 
@@ -178,14 +178,14 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
 
 
 def _of_readings(report: Report) -> str:
-    """State which other measurements than positions enter the errors; empty without such measurements."""
+    """State which other measurements than positions enter the certified errors; empty if none do."""
     others = [r for r in report.readings if r.name not in ("position", "orientation")]
     said = wording.listed([f"{r.rows} rows of {r.name}" for r in others])
     return f" Errors include {said}, in mm as in the fit." if others else ""
 
 
 def _unseen(report: Report) -> str:
-    """State the fit whose errors the certificate reports."""
+    """State on which poses and by which fit the certified errors were computed."""
     if report.data.folds:
         folds = report.data.folds
         return (
@@ -209,7 +209,7 @@ def html(found: Certificate, kicker: str) -> str:
 
 
 def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
-    """State whether the errors after calibration are within the tolerance; empty without a tolerance."""
+    """State whether the errors after calibration are within the stated tolerance; empty without one."""
     if tolerance_mm is None or errors is None:
         return ""
     beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"
@@ -233,7 +233,7 @@ def _scope(report: Report) -> tuple[Line, ...]:
 
 
 def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
-    """Return the bounds of the errors at further poses, after calibration; empty if unknown."""
+    """Return the bounds of position errors at further poses after calibration; empty if unknown."""
     found = report.further
     if found is None:
         return ()
@@ -246,7 +246,7 @@ def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
 
 
 def _orientation(report: Report) -> Iterator[Line]:
-    """Yield the error of orientation at the certified poses, if orientation was measured."""
+    """Yield the orientation error at the poses of the certificate, if orientation was measured."""
     if report.orientation:
         before, after = (wording.significant(value, 3) for value in report.orientation)
         there = wording.turned(report.orientation[1], farthest_tool_point(report))
@@ -254,7 +254,7 @@ def _orientation(report: Report) -> Iterator[Line]:
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:
-    """Return accuracy and repeatability by ISO 9283, or the reason why they are not stated."""
+    """Return pose accuracy and repeatability by ISO 9283, or the reason why they are not stated."""
     found, accurate = report.repeatability, report.positioning
     floor = ("noise floor", words.noise_floor(report))
     if found is None:
@@ -305,7 +305,7 @@ def _record(report: Report) -> tuple[Line, ...]:
 
 
 def text(found: Certificate) -> str:
-    """Return scope, accuracy, repeatability and effects as text; only the page has parameters and record."""
+    """Return the certificate's scope, accuracy, repeatability and effects as text, without parameters."""
     blocks = (
         (found.title, list(_lines(found.particulars)) or ["    no particulars were given"]),
         ("Scope", list(_lines(found.scope))),

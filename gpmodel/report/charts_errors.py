@@ -1,4 +1,4 @@
-"""Draw pictures of the errors: size after each step, distribution, arrows in the workspace, residual by row."""
+"""Draw pictures of position errors: size after each step, distribution, arrows in the workspace, residual by row."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Yield the pictures of the errors for which the report has data."""
+    """Yield the pictures of position errors for which a report has data."""
     yield from _sizes(report)
     yield from _in_space(report)
 
 
 def _sizes(report: Report) -> Iterator[Picture]:
-    """Yield the pictures of error sizes for which the report has data."""
+    """Yield the pictures of error sizes and distributions for which a report has data."""
     rungs = [r for r in report.ladder if r.errors.known]
     if rungs:
         steps = "; ".join(f"{report.title(r)} {millimetres(r.errors.rms_mm)} mm" for r in rungs)
@@ -84,7 +84,7 @@ def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
-    """Return title, errors at held-out poses, mm, and colour of each step of the model."""
+    """Return title, errors at held-out poses, mm, and colour of each model in the sequence of calibrations."""
     out = []
     for k, rung in enumerate(report.ladder):
         sides = report.plots.error_mm.get(rung.step)
@@ -169,9 +169,9 @@ def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: flo
 
 
 SHARE_OF_SPAN = 0.13
-"""Length of a typical arrow relative to the size of the workspace, so that neighbouring arrows do not overlap."""
+"""Length of a typical error arrow relative to the size of the workspace, so that arrows do not overlap."""
 ARROWS = 250
-"""Largest number of poses drawn, evenly spaced along the rows."""
+"""Largest number of poses drawn in a picture of errors, evenly spaced along the rows."""
 
 
 def _in_space(report: Report) -> Iterator[Picture]:
@@ -237,7 +237,7 @@ def _moved_picture(number: int, name: str, moved: MovedRecord) -> Picture:
 
 
 def _magnification(points: Array, moves: Array) -> float:
-    """Return the magnification at which the 90th percentile of the arrows is SHARE_OF_SPAN of the workspace."""
+    """Return the magnification at which the 90th percentile of the error arrows is SHARE_OF_SPAN of the workspace."""
     typical = float(np.percentile(np.linalg.norm(moves, axis=1), 90))
     return SHARE_OF_SPAN * (float(np.ptp(points, axis=0).max()) or 1.0) / (typical or 1.0)
 
@@ -249,7 +249,7 @@ def _arrows(
     magnification: float,
     sides: Sequence[tuple[int, int]],
 ) -> None:
-    """Draw arrows, one colour for each kind, and a scale, in one panel per pair of axes in `sides`."""
+    """Draw error arrows, one colour for each kind, and a scale, in one panel per pair of axes in `sides`."""
     figure.set_layout_engine("compressed")  # constrained layout cuts the labels of equal axes
     for axes, side in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides, strict=True):
         _seen_from(axes, points[:, side], [(move[:, side], colour) for move, colour in moves], magnification)

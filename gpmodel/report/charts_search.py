@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 
 FILLED = (True, False, True, False)
-"""Fill style of the histogram bars of each program representation."""
+"""Fill style of histogram bars by representation of evolved programs (linear, tree)."""
 MOST_INPUTS = 18
-"""Largest number of inputs in a histogram."""
+"""Largest number of inputs in a histogram of the inputs of evolved programs."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
@@ -53,7 +53,7 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 
 def _of_search(report: Report) -> Iterator[Picture]:
-    """Yield the pictures of the search for which the report has data."""
+    """Yield the pictures of the search for effects for which the report has data."""
     histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
         standing = significant_inputs(histogram)
@@ -80,7 +80,7 @@ def _of_search(report: Report) -> Iterator[Picture]:
 
 
 def _shown(histogram: Histogram) -> IntArray:
-    """Return the numbers of the most referenced inputs, in the order of the histogram."""
+    """Return the numbers of the inputs that most evolved programs contain, in the order of the histogram."""
     use = np.maximum(numbers(histogram.referring), numbers(histogram.referring_by_chance))
     most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
     return np.sort(most[use[most] > 0]) if use.any() else most[:1]
@@ -123,7 +123,7 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
 
 
 def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[str]) -> None:
-    """Draw the gains of the candidates of each round. chosen: names of the effects in the model; one is labelled."""
+    """Draw the gains of candidate effects in each round. chosen: names of the effects in the model; one is labelled."""
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):
@@ -154,9 +154,9 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[st
 
 
 COLOURS = (AFTER, BEFORE, INK)
-"""Colours of the curves of a program's outputs."""
+"""Colours of the curves that show outputs of an evolved program."""
 MOST_PANELS = 6
-"""Largest number of panels of the best program, three in a row."""
+"""Largest number of panels that show the best evolved program, three in a row."""
 
 
 def _of_programs(report: Report) -> Iterator[Picture]:
@@ -234,13 +234,13 @@ def _compensation(figure: Figure, best: CompensationRecord) -> None:
 
 
 MOST_PARAMETERS = 36
-"""Largest number of parameters in a picture."""
+"""Largest number of geometric parameters in a picture."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
-"""Name, title, unit, scale and printed unit of each picture of parameters."""
+"""Name, title, unit, scale and printed unit of each picture of geometric parameters."""
 
 
 FEWEST_RANKS = 4
-"""Least number of points at which the curve of error against the number of constants is drawn."""
+"""Least number of points at which cross-validated error against the number of constants is drawn."""
 
 
 def _of_model(report: Report) -> Iterator[Picture]:

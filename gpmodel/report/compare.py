@@ -31,7 +31,7 @@ Record = ParameterRecord | EffectRecord
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter in the first report (before) and in the second report (after).
+    """A parameter in a first report (before) and in a second report (after) on one machine.
 
     before, after: value and standard error, SI units.
     stderr: standard error of the difference, None if both fits use equal rows.
@@ -47,17 +47,17 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """Value of the parameter in the second report minus its value in the first report."""
+        """Value of the parameter in the second of two reports minus its value in the first."""
         return self.after[0] - self.before[0]
 
     @property
     def in_deviations(self) -> float:
-        """Difference of the two values in units of its standard error; 0 without a standard error."""
+        """Change of the parameter in units of its standard error; 0 without a standard error."""
         return self.difference / self.stderr if self.stderr else 0.0
 
     @property
     def z(self) -> float:
-        """Magnitude of the difference of the two values in units of its standard error."""
+        """Magnitude of the parameter's change in units of its standard error."""
         return abs(self.in_deviations)
 
     @property
@@ -68,7 +68,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of two reports.
+    """Comparison of two calibration reports of one machine.
 
     parameters, effects, placement: changes of the quantities in both reports, largest change in standard errors first.
     only_before, only_after: names of the effects that one report alone contains.
@@ -90,12 +90,12 @@ class Comparison:
 
     @property
     def of_models(self) -> bool:
-        """True if both reports use equal rows, so that only the models differ."""
+        """True if both reports use equal rows of measurements, so that only the models differ."""
         return self.shared == self.before.data.poses == self.after.data.poses
 
 
 def compare(before: Report, after: Report, sources: tuple[str, str] | None = None) -> Comparison:
-    """Compare two reports of one machine, with the joint names of the second.
+    """Compare two reports of one machine, with the joint names of the second report.
     sources: names of the two reports, by default the names of their tables. Raises InputError if the machines differ.
     """
     if not _one_machine(before.mechanism, after.mechanism):
@@ -139,7 +139,7 @@ def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
 
 
 def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
-    """Return the report with other joint names in its parameters and effects."""
+    """Return a report with other joint names in its parameters and effects."""
     names = table_names(report.mechanism.joints, joints)
     return replace(
         report,
@@ -150,7 +150,7 @@ def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
 
 def shared_rows(before: Report, after: Report) -> int:
     """Return the number of rows to which both models were fitted, from the digests of the rows.
-    Without digests, all rows of identical files count, and no row of other files."""
+    Without digests, all rows of identical table files count as shared, and no row of different files."""
     if before.data.marks and after.data.marks:
         return (Counter(before.data.marks) & Counter(after.data.marks)).total()
     alike = before.data.sha256 == after.data.sha256 != ""
@@ -178,7 +178,7 @@ def _turned_alike(
 def _changes(
     old: Mapping[str, Record], new: Mapping[str, Record], shared: tuple[float, float], freedoms: Array
 ) -> tuple[Change, ...]:
-    """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
+    """Return the change of every quantity in both reports, with the p-value of a two-sided Student's t test.
 
     shared: share of the rows of each report that the other report also has; shared rows correlate the estimates. For s
     shared rows of the n rows of a report, the covariance is the smaller of the two values (s / n) v, with v the
@@ -200,13 +200,13 @@ def _changes(
 
 
 def _corrected(lists: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
-    """Return the lists of changes with p-values corrected for the number of all comparisons."""
+    """Correct the p-values of parameter changes for the number of all comparisons (Holm)."""
     chances = iter(holm(np.array([c.chance for c in chain(*lists)])))
     return [tuple(replace(c, chance=float(next(chances))) for c in changes) for changes in lists]
 
 
 def _of_difference(before: float, after: float, shared: tuple[float, float]) -> float | None:
-    """Return the standard error of the difference of two estimates, None if both estimates use equal rows."""
+    """Return the standard error of the difference of two estimates, None if both use equal rows of a table."""
     if min(shared) >= 1.0:
         return None
     common = min(shared[0] * after**2, shared[1] * before**2)
@@ -217,7 +217,7 @@ SIDES = ("before", "after")
 
 
 def verdict(found: Comparison) -> str:
-    """State the significant changes in one sentence.
+    """State the significant changes between two calibrations in one sentence.
     If different parameters were fitted, other parameters absorb the missing parameters; changes of absorbing parameters
     are not counted."""
     tool = [c for c in found.placement if c.name.startswith("tool")]
@@ -245,13 +245,13 @@ def verdict(found: Comparison) -> str:
 
 
 def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
-    """Return the changes of parameters, effects, and registration and tool, each list with its heading."""
+    """Return the changes of parameters, of effects, and of registration and tool, with headings."""
     placed = "Tool in the flange, root in the instrument's frame"
     return ("Effects", found.effects), ("Parameters", found.parameters), (placed, found.placement)
 
 
 def text(found: Comparison) -> str:
-    """Return the comparison as text in 80 columns, with a star at significant changes."""
+    """Return the comparison of two calibrations as text in 80 columns, with a star at significant changes."""
     sources = zip(SIDES, found.sources, strict=True)
     heads = f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"
     said = (
@@ -268,7 +268,7 @@ def text(found: Comparison) -> str:
 
 
 def cells(c: Change) -> tuple[str, str, str, str]:
-    """Return the value before, the value after and the change ± σ as text in one unit, and the unit."""
+    """Return the values before and after and the change ± σ of a parameter as text in one unit, and the unit."""
     least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
     largest = max(abs(c.before[0]), abs(c.after[0]), least)
     factor, unit = wording.OF_LISTS.get(c.unit) or wording.prefix(largest, c.unit)
@@ -288,12 +288,12 @@ def _row(c: Change) -> str:
 
 
 MOST = 40
-"""Largest number of changes in a picture; the largest changes are shown."""
+"""Largest number of parameter changes in a picture; the largest changes are shown."""
 
 
 def picture(changes: Sequence[Change]) -> Picture | None:
-    """Return a picture of the changes in units of their σ, which makes lengths and angles
-    comparable; None without σ."""
+    """Return a picture of the parameter changes in units of their σ, so that lengths and angles are comparable; None
+    without σ."""
     known = sorted((c for c in changes if c.stderr), key=lambda c: -c.z)[:MOST]
     if not known:
         return None
@@ -311,7 +311,7 @@ def _draw(figure: Figure, changes: Sequence[Change]) -> None:
 
 
 def html(found: Comparison) -> str:
-    """Return the comparison as a page."""
+    """Return the comparison of two calibrations as an HTML page."""
     from gpmodel.report.figures import drawn
     from gpmodel.report.page import render
 

@@ -1,4 +1,4 @@
-"""Record effects of a report, named or found: size as one number with standard error, shape, motion of the tool."""
+"""Record effects in a report: size as one number with standard error, shape, displacement of the tool."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -49,9 +49,9 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
 
 
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
-    """Return the size of a finding as one number, the amplitude, with its standard error.
-    The standard error is propagated through the covariance of the effects. The basis function of a harmonic of argument
-    x is written sin(x + p), with phase p."""
+    """Return the size of a finding as one number, the amplitude, with its standard error. The standard error of the
+    amplitude is propagated through the covariance of the effects. The basis function of a harmonic of argument x is
+    written sin(x + p), with phase p."""
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
     deviation = np.nan_to_num(calibration.stderr[at])
@@ -64,7 +64,7 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States) -> 
 
 
 def _basis_in_words(candidate: Candidate, theta: Array) -> str:
-    """Return the basis function that the amplitude of a candidate multiplies, as text."""
+    """Write the basis function that the amplitude of a candidate effect multiplies, as text."""
     first = str(candidate.place.basis)
     if candidate.kind == "harmonic":
         return f"{first[:-1]} {float(np.arctan2(theta[1], theta[0])):+.3f})"
@@ -85,8 +85,8 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Return coefficients times basis functions of a finding, summed, at every pose of `states`, along its first axis.
-    For one basis function along several axes, the basis function is multiplied by the length of the vector of
+    """Return the sum of coefficients times basis functions of a finding, along its first axis, at the poses of
+    `states`. For one basis function along several axes, the basis function is multiplied by the length of the vector of
     coefficients."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
@@ -96,7 +96,7 @@ def shape(calibration: Calibration, candidate: Candidate, states: States) -> Arr
 
 
 def read_columns(inputs: Sequence[str]) -> list[str]:
-    """Return the inputs of an effect as listed in the report; a payload torque is listed as payload and torque."""
+    """Return the inputs of an effect for the report, which lists a payload torque as payload and torque."""
     out: list[str] = []
     for name in inputs:
         own = name.startswith(f"{PAYLOAD_SHARE}torque_")
@@ -105,16 +105,16 @@ def read_columns(inputs: Sequence[str]) -> list[str]:
 
 
 WEAK = 0.05
-"""Least squared motion of the point by a unit twist at a plotted pose, relative to the largest: √0.05 = 22 %."""
+"""Least squared motion of the point by a unit twist, relative to the largest, at plotted poses: √0.05 = 22 %."""
 
 
 def shape_record(
     final: Calibration, poses: Poses, candidate: Candidate, heldout: Mask, names: Mapping[str, str]
 ) -> ShapeRecord | None:
-    """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
+    """Return the partial residual of an effect pose by pose: its contribution plus the residual along its column.
 
     The partial residual is θ φ + l·r / l·l, with contribution θ φ, motion l of the measured components per unit of the
-    twist, and residual r, both weighted as in the fit. The result is None if the model lacks the candidate.
+    twist, and residual r, both weighted as in the fit. The result is None if the model lacks the effect.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -153,7 +153,7 @@ def shape_record(
 
 
 POSES = 400
-"""Random joint values for the RMS of an effect over the workspace: known to 4 %, 1 / √(2·400)."""
+"""Number of random poses for the RMS of an effect over the workspace, known to 4 %: 1 / √(2·400)."""
 
 
 SHOWN = 120
@@ -165,9 +165,9 @@ Moved = tuple[Array, Array]
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
-    Inputs other than joint values come from random rows of the table. Far outside the range of an input, formulas
-    outside the catalogue are held constant, as in `predict`. None stands for effects of the session only, for a
-    mechanism with unmeasured joints, or if the model depends on earlier rows whose order is not stated.
+    Inputs other than joint values are drawn from random rows of the table. Far outside the range of an input, formulas
+    outside the catalogue are held constant, as in `predict`. A group has None if its effects depend only on the
+    session, if joints are unmeasured, or if the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
         return [None] * len(groups)
@@ -190,7 +190,7 @@ def _sizes(moved: Moved | None) -> ErrorsMm:
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
-    """Return the displacements of the tool at no more than SHOWN points, evenly spaced along the rows."""
+    """Return displacements of the tool by an effect at no more than SHOWN points, evenly spaced along the rows."""
     points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
@@ -204,7 +204,7 @@ def effect_records(
 ) -> tuple[EffectRecord, ...]:
     """Return the records of candidates fitted to `poses`, with the displacement of the tool at measured and random
     poses.
-    names: joint names in the table. states: inputs of basis functions at the poses."""
+    names: joint names in the table. states: inputs of the basis functions at the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()
@@ -263,7 +263,7 @@ IMPOSSIBLE = (
 
 
 def _against(candidate: Candidate, number: Quantity, poses: Poses) -> str:
-    """State that the sign of a compliance is impossible; empty for a possible sign, and for measured torques."""
+    """State that the sign of a fitted compliance is impossible; empty if possible, or with measured torques."""
     known = family(candidate.family)
     computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)
     impossible = known is not None and known.yields and computed and number.value <= -AGAINST * number.stderr

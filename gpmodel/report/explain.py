@@ -18,11 +18,11 @@ from gpmodel.table.units import is_time, known_unit
 
 @dataclass(frozen=True)
 class Explanation:
-    """A finding in words.
+    """Explanation of a finding (accepted effect) as sentences.
 
     number: number of the finding, from 1.
     chain: frames of the arm in order, with the frame of the finding in brackets.
-    facts, advice, repair: sentences on the finding; repair is for whoever repairs the machine.
+    facts, advice, repair: sentences on the finding, on further measurements, and on repair of the machine.
     """
 
     number: int
@@ -39,7 +39,7 @@ class Explanation:
 
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
     """Explain finding `number`, from 1, of a report. Raises InputError if the report has no finding `number`.
-    tellable: names of causes that further poses could distinguish from the findings; None if not computed."""
+    tellable: names of causes that further poses could distinguish from the finding; None if not computed."""
     if not 1 <= number <= len(report.effects):
         have = f"1 to {len(report.effects)}" if report.effects else "a report with findings"
         raise InputError(f"finding {number}: not in the report; expected {have}")
@@ -62,7 +62,7 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
 
 
 def text(found: Explanation) -> str:
-    """Return the explanation as text of 80 columns."""
+    """Return the explanation of a finding as text of 80 columns."""
     blocks = (
         ("", (found.value,)),
         ("site", (found.chain, found.where)),
@@ -80,7 +80,7 @@ def text(found: Explanation) -> str:
 
 
 def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
-    """Return the explanation as a page."""
+    """Return the explanation of a finding as an HTML page."""
     from gpmodel.report.figures import drawn
 
     found = explain(report, number, tellable)
@@ -90,7 +90,7 @@ def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
 
 
 def _chain(report: Report, effect: EffectRecord) -> str:
-    """Return base ─ J1 ─ [J2] ─ ... ─ tool, with every site of the effect in brackets."""
+    """Draw the chain of joints as text, base ─ J1 ─ [J2] ─ ... ─ tool, with the sites of an effect in brackets."""
     slots = [t.slot for t in effect.terms] or effect.slot.split(",")
     places = {slot.strip().partition(".")[0] for slot in slots}
     nodes = ("base", *report.mechanism.joints, "tool", *places & {INSTRUMENT})
@@ -151,7 +151,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 
 
 def _cause(effect: EffectRecord) -> str:
-    """State the physical cause from the effect's family; without a family, state how the effect entered the model."""
+    """State the physical cause of an effect from its family, or else how the effect entered the model."""
     if effect.explanation:
         return " ".join(filter(None, (sentence(effect.explanation), effect.against)))
     if effect.found_by == NAMED:
@@ -163,7 +163,7 @@ LOW_SHARE = 0.3
 """Unique share of an effect below which its standard error is more than three times as large as if the other unknowns
 were known (1 / share)."""
 WELL_KNOWN = 10.0
-"""Ratio of value and standard error above which the error of a value is below a tenth of the value."""
+"""Ratio of an effect's value to its standard error above which the value is known within a tenth."""
 
 MEASURES = {
     "clock": "measure the first poses again at the end of the session and on the next day: an effect of the session "
@@ -181,7 +181,7 @@ MEASURES = {
 
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
-    """Return the roles of an input column: clock, temperature, payload, load, approach, delay, speed; else empty."""
+    """Return the roles of an input column, of clock, temperature, payload, load, approach, delay and speed."""
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived
@@ -208,7 +208,7 @@ def _is_speed(unit: str) -> bool:
 
 def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> Iterator[str]:
     """Yield sentences that advise on further measurements for an effect.
-    tellable: names of causes that further poses could distinguish from the effect; None if not computed."""
+    tellable: names of causes that other poses could distinguish from the effect; None if not computed."""
     close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]
     if told:

@@ -15,14 +15,14 @@ CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, 
 SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
 """Colours from small errors (blue) to large errors (red)."""
 WORST = 30
-"""Number of poses listed next to the view, in order of decreasing error."""
+"""Number of poses listed next to the 3-D view, in order of decreasing error."""
 LONGEST = 0.12
 """Length of the arrow for the 90th percentile of the residuals before calibration, relative to the span of the poses.
 """
 MOST = 3000
-"""Largest number of poses shown, evenly spaced along the rows; the file then stays below 6 MB."""
+"""Largest number of poses in the 3-D view, evenly spaced along the rows; the file then stays below 6 MB."""
 COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#8e63ce", "slot": "#868d98"}
-"""Colours with a contrast of at least 3 on light and dark paper; the arm's colour is not in SCALE."""
+"""Colours of arm and arrows with a contrast of at least 3 on light and dark paper."""
 
 
 def drawable(report: Report) -> bool:
@@ -32,7 +32,7 @@ def drawable(report: Report) -> bool:
 
 
 def html(report: Report) -> str:
-    """Return the 3-D view as HTML, with the drawing library inside the file, so that the page opens offline."""
+    """Return the 3-D view of the arm as HTML that includes the drawing library, so that the page opens offline."""
     from plotly.offline import get_plotlyjs
 
     figure, magnification = figure_of(report)
@@ -88,7 +88,7 @@ def figure_of(report: Report) -> tuple[dict[str, object], float]:
 
 
 def _table_slots(report: Report) -> tuple[str, ...]:
-    """Return the names of the slots (frames) with the joint names of the table, if two slots belong to each joint."""
+    """Return the names of the frames with the joint names of the table, if each joint has two frames (slots)."""
     slots, joints = report.plots.slots, report.mechanism.joints
     own = list(dict.fromkeys(s.partition(".")[0] for s in slots if "." in s))
     names = dict(zip(own, joints, strict=True)) if len(own) == len(joints) else {}
@@ -96,12 +96,12 @@ def _table_slots(report: Report) -> tuple[str, ...]:
 
 
 def every_so_many(report: Report) -> int:
-    """Return the step between the rows of the poses that are shown."""
+    """Return the number of rows between two poses that the 3-D view shows."""
     return max(1, -(-len(report.plots.points_mm) // MOST))
 
 
 def _hover(report: Report) -> list[tuple[int, str]]:
-    """Return the row number and the hover text of every pose, in the order of the rows."""
+    """Return the row number and the hover text of every pose of the 3-D view, in the order of the rows."""
     errors = {p.row: p for p in pose_errors(report)}
     out = []
     for row in report.plots.rows:
@@ -119,7 +119,7 @@ def _plain(values: Array) -> list[float | None]:
 
 
 def _arrows(points: Array, residual: Array, magnification: float, name: str, colour: str) -> dict[str, object]:
-    """Return lines from each point along its magnified residual, separated by gaps."""
+    """Return lines from each measured point along its magnified residual, separated by gaps."""
     ends = points + magnification * residual
     gap = np.full_like(points, np.nan)
     lines = np.stack([points, ends, gap], axis=1).reshape(-1, 3)
@@ -143,7 +143,7 @@ def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str,
 
 
 def _mark() -> dict[str, object]:
-    """Return the marker of the selected pose, initially empty."""
+    """Return the marker of the pose that the user selects in the 3-D view, initially empty."""
     return {
         "type": "scatter3d", "mode": "markers", "name": "chosen pose", "hoverinfo": "skip", "x": [], "y": [], "z": [],
         "marker": {"size": 13, "symbol": "circle-open", "color": COLOURS["arm"]}, "showlegend": False,

@@ -60,17 +60,17 @@ STYLE: dict[RcKeyType, Setting] = {
     "figure.facecolor": PAPER,
     "svg.fonttype": "none",
 }
-"""Style of the figures; sizes in points."""
+"""Style of a report's figures; sizes in points."""
 COLOURS = {
     INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
 }  # fmt: skip
-"""Name of each colour of the pictures in the style sheet of the page."""
+"""Name in the page's style sheet of each colour of the pictures."""
 
 
 @contextmanager
 def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
-    """Draw in STYLE and `more`, without warnings about missing letters; a page uses the fonts of the browser."""
+    """Set the drawing style STYLE and `more`, without warnings on missing letters; pages use the browser's fonts."""
     fonts = logging.getLogger("matplotlib.font_manager")
     with rc_context({**STYLE, **more}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
@@ -85,14 +85,14 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
-    """Draw pictures in parallel; return inline SVG by name."""
+    """Draw the pictures of a report in parallel; return inline SVG by name."""
     return draw_during(pictures, folder, lambda: None, Forks())[0]
 
 
 def draw_during(
     pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made], workers: Forks
 ) -> tuple[dict[str, str], Made]:
-    """Draw pictures in parallel while `call` runs; return the SVG by name and the result of the call."""
+    """Draw pictures in parallel while the function `call` runs; return SVG by name and the function's result."""
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     asked = tuple(pictures)
@@ -121,14 +121,14 @@ def figure(picture: Picture) -> Figure:
 
 
 def standalone_svg(picture: Picture) -> str:
-    """Return SVG with the colours of the pictures included, for pages other than the report."""
+    """Return a picture as SVG that includes its colours, for pages other than the report."""
     colours = "; ".join(f"--{name}: {colour}" for colour, name in COLOURS.items())
     return f'<div style="{colours}">{drawn([picture])[picture.name]}</div>'
 
 
 def svg_of(figure: Figure) -> str:
     """Return a figure as SVG without background; the layout of the figure is then fixed.
-    The canvas draws the figure once; `savefig` would draw the figure twice for the layout."""
+    The canvas draws the figure once; matplotlib's `savefig` would draw the figure twice for the layout."""
     text, paper, dpi = io.StringIO(), figure.get_facecolor(), figure.dpi
     figure.set_facecolor("none")
     FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})

@@ -20,11 +20,11 @@ from gpmodel.report.schema_search import Correlation, PlotRecord, SideErrors, Ve
 from gpmodel.table.dataset import Dataset
 
 CHAIN_POSES = 300
-"""Largest number of poses drawn as a whole arm, evenly spaced along the rows."""
+"""Largest number of poses at which the whole arm is drawn, evenly spaced along the rows."""
 
 
 def statistics_mm(error: Array) -> ErrorsMm:
-    """Return mean, RMS and maximum, mm, of the known 3-D errors given in m; all None if no error is known."""
+    """Return mean, RMS and maximum, mm, of 3-D errors given in m; unknown errors (NaN) are left out."""
     mm = 1e3 * error[np.isfinite(error)]
     if len(mm) == 0:
         return ErrorsMm()
@@ -47,7 +47,7 @@ def vectors(values: Array) -> Vectors:
 
 
 def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[str, str]) -> tuple[Correlation, ...]:
-    """Return at most eight unknowns with a correlation above CORRELATED with one of the effects."""
+    """Return at most eight parameters that correlate above CORRELATED with one of the effects."""
     partners = final.partners
     near = [(n, c) for e in effects for n, c in partners.get(e.name, ())]
     return tuple(Correlation(translate(n, names), c) for n, c in near[:8])
@@ -56,9 +56,9 @@ def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[s
 def parameters(
     final: Calibration, names: Mapping[str, str], without: frozenset[str] = frozenset()
 ) -> tuple[ParameterRecord, ...]:
-    """Return the records of the unknowns of a fit, except for the unknowns named in `without`.
+    """Return the report's records of fitted parameters, except for the parameters named in `without`.
 
-    Changes of constants inside findings and of a fitted payload, which are zero by definition, are left out.
+    Changes of nonlinear constants and of a fitted payload, which are zero by definition, are left out.
     """
     return tuple(
         ParameterRecord(
@@ -86,8 +86,8 @@ def tool_displacements(
 ) -> tuple[Array, list[Array]]:
     """Return the measured points, m, and their displacement by each group of effects, m and rad.
 
-    The last three numbers of a displacement are the rotation of the tool. All numbers are in the root frame, at the
-    poses at which the loops of the mechanism close with all effects and without each single group.
+    The last three numbers of a displacement are the rotation of the tool. All numbers are in the root frame, at poses
+    at which kinematic loops close with all effects and without each group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
@@ -108,7 +108,7 @@ def tool_displacements(
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
     """Return the size of an instrument error relative to its specification, RMS over the poses.
-    The result is None for an effect of the mechanism, or without a specification."""
+    An effect of the mechanism, or of an instrument without specification, gives None."""
     if data.instrument is None or moved.rms_mm is None or not all(e.of_the_instrument for e in effects):
         return None
     return moved.rms_mm / (1e3 * data.instrument.at(data.position))
@@ -117,8 +117,8 @@ def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) 
 def unabsorbed_rms(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
-    The RMS is that of the displacement minus its projection on the columns of all other unknowns, registration and tool
-    included. The result is None with unmeasured joints, which absorb a part at every pose, and without measured points.
+    The RMS is over the displacement minus its projection on the columns of all other unknowns, with registration and
+    tool. The result is None with unmeasured joints, which absorb a part at every pose, and without measured points.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
@@ -138,7 +138,7 @@ def unabsorbed_rms(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Eff
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:
     """Return measured minus modelled position in the root frame, m.
-    The difference is NaN without a measurement, or for a set-up or tool that the calibration does not contain."""
+    The position difference is NaN without a measurement, or for a set-up or tool that was not calibrated."""
     out = np.full((len(poses), 3), np.nan)
     known = _known(calibration, poses)
     seen = resolved(calibration, poses.subset(known))
@@ -152,7 +152,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
     """Return the angle between measured and modelled orientation of each pose, rad, by the fit listed with the pose.
-    The angle is NaN without a measurement, or for a set-up or tool that the fit does not contain."""
+    The angle is NaN without a measured orientation, or for a set-up or tool that was not calibrated."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:
         seen = resolved(fit, some.subset(_known(fit, some)))
@@ -168,7 +168,7 @@ def _known(calibration: Calibration, poses: Poses) -> IntArray:
 
 
 def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
-    """Return errors and residuals pose by pose, for the steps fitted to the rows `train`."""
+    """Return errors and residuals pose by pose, for the models fitted to the rows `train`."""
     heldout = ~np.isin(np.arange(len(poses)), train)
     fits = {step.name: step.calibration for step in steps}
     last = steps[-1].calibration

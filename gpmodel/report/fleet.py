@@ -38,15 +38,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS = 9
-"""Number of parameters that have a separate panel, three in a row; the map has all parameters."""
+"""Number of parameters with a separate panel in pictures of several machines, three in a row."""
 MOST_MACHINES = 60
-"""Largest number of machines in the picture of every machine and parameter."""
+"""Largest number of machines in the map of machines and parameters."""
 MOST_NAMES = 20
-"""Largest number of names along an axis."""
+"""Largest number of names along an axis of a picture."""
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
-    """Yield the pictures: errors of every machine, map of machines and parameters, single parameters."""
+    """Yield pictures of several machines: errors of each, map of machines and parameters, single parameters."""
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(
@@ -74,14 +74,14 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
 
 
 def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, float, str]:
-    """Return the value of a parameter with its deviation and unit; the noise is stored as a logarithm and returned in
+    """Return the value of a parameter with its deviation and unit; the parameter for noise is a logarithm, returned in
     metres."""
     size = float(np.exp(value)) if part.name == NOISE else value
     return (size, size * deviation, "m") if part.name == NOISE else (value, deviation, part.unit)
 
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
-    """Return the shown parameters: effects, parameters with outliers, geometry of the most deviating machines."""
+    """Return the parameters to draw: effects, parameters with outlying machines, geometry of outlying machines."""
     first = [p for p in fleet.parameters if not p.constant or p.outliers]
     rest = sorted((p for p in fleet.parameters if p not in first), key=lambda p: -np.abs(p.z).max())
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]
@@ -137,7 +137,7 @@ def _scale(part: SharedPart) -> tuple[float, str]:
 
 
 def _drawn(part: SharedPart, values: Sequence[float], stderrs: Sequence[float], factor: float) -> np.ndarray:
-    """Return values of a parameter and their standard errors in the unit of the axis."""
+    """Return values of a parameter on all machines, and their standard errors, in the unit of the axis."""
     return factor * np.array([in_words(part, v, e)[:2] for v, e in zip(values, stderrs, strict=True)]).T
 
 
@@ -166,8 +166,8 @@ PAGE = "fleet.html"
 MOST_SAID = 3
 WELL_KNOWN = 3.0
 NOT_TESTED = f"Outliers are not tested: the test needs {FEWEST} machines"
-"""Number of outliers and effects that the verdict names; ratio of a mean to its prior standard deviation above which
-spreads are stated relative to the mean."""
+"""Number of outlying machines and effects that the verdict names; ratio of a mean to its prior standard deviation above
+which spreads are stated relative to the mean."""
 
 
 def verdict(fleet: FleetPart) -> str:
@@ -213,12 +213,12 @@ def deviation(part: Part, machine: int) -> str:
 
 
 def said(part: SharedPart) -> wording.Stated:
-    """Return the mean of the type with its standard error."""
+    """Return the mean of a parameter over all machines of the type, with its standard error."""
     return wording.measured(*in_words(part, part.mean, part.stderr), in_list=part.constant)
 
 
 def spread(part: Part) -> str:
-    """State the spread between machines: relative to a well known mean, otherwise in the unit of the parameter.
+    """State the spread of a parameter between machines: relative to a well known mean, otherwise in its unit.
     The spread of a block of effects is stated relative to the priors of the block."""
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.spread)} of prior"
@@ -229,7 +229,7 @@ def spread(part: Part) -> str:
 
 
 def band(part: Part) -> str:
-    """State the 95 % interval of the spread, in the unit of `spread`."""
+    """State the 95 % interval of the spread of a parameter between machines, in the unit of `spread`."""
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.low)} to {wording.percent(part.high)}"
     if (size := _size(part)) is not None:
@@ -241,14 +241,14 @@ def band(part: Part) -> str:
 
 
 def _size(part: SharedPart) -> float | None:
-    """Return the reference value of a relative spread; None if the spread is stated in the unit of the parameter."""
+    """Return the reference value of a relative spread; None if a spread is stated in the parameter's unit."""
     if part.name == NOISE:
         return 1.0
     return abs(part.mean) if not part.constant and abs(part.mean) > WELL_KNOWN * part.prior else None
 
 
 def summary(fleet: FleetPart) -> str:
-    """Return verdict, machines (the worst first), effects, geometry and record as text."""
+    """Return the report on several machines as text: verdict, machines (the worst first), effects, geometry, record."""
     blocks = (
         ("Verdict", [wording.wrapped(text) for text in sentences(fleet)]),
         (machines_title(fleet), list(_machines(fleet))),
@@ -261,7 +261,7 @@ def summary(fleet: FleetPart) -> str:
 
 
 def record_of(fleet: FleetPart) -> Iterator[str]:
-    """Yield sentences on the origin and the limits of the stated numbers."""
+    """Yield sentences on the origin and the limits of the numbers on several machines."""
     yield f"effects {fleet.chosen}"
     factor = coverage_factor(len(fleet.machines) - 1)
     yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is the 95 % interval (k from Student's t)"
@@ -278,7 +278,7 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
 
 
 def machines_title(fleet: FleetPart) -> str:
-    """Return the heading of the table of machines, with the order of a sorted table."""
+    """Return the heading of the table of machines, which states the order of its rows."""
     return "Machines" + (", the largest deviation first" if len(fleet.machines) >= FEWEST else "")
 
 
@@ -311,7 +311,7 @@ def _blocks(fleet: FleetPart) -> Iterator[str]:
 
 
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
-    """Return the page as HTML. drawings: inline SVG of the pictures by name."""
+    """Return the page on several machines as HTML. drawings: inline SVG of the pictures by name."""
     return render(
         "fleet.html.j2", fleet=fleet, verdict=sentences(fleet), said=said, spread=spread, band=band,
         deviation=deviation, page=f"{MACHINES}/{{}}/{REPORT}",
@@ -321,7 +321,7 @@ def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
 
 
 def write_pages(fleet: FleetPart, folder: Path) -> None:
-    """Write fleet.html and figures/ in `folder`."""
+    """Write the page fleet.html and its pictures figures/ in `folder`."""
     from gpmodel.report.figures import drawn
 
     write_text(folder / PAGE, html(fleet, drawn(pictures(fleet), folder)))

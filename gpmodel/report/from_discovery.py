@@ -49,7 +49,7 @@ def from_evolution(
     start: Ladder, runs: Sequence[Run], counted: Histogram, origin: Origin, best: CompensationRecord
 ) -> Report:
     """Build the report of an evolution: fitted models, the best program of every run, and the referenced inputs.
-    start: models fitted to the training poses; the runs explain the residual of the last model."""
+    start: models fitted to the training poses; programs explain the residual of the last of them."""
     names = names_of(start.poses.dataset)
     report = replace(
         build("evolve", start, origin),
@@ -62,8 +62,8 @@ def from_evolution(
 
 
 def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
-    """Return the outputs of the best program at the training poses, with every input that it references.
-    Outputs of a compensator are shifts of the point, mm; outputs at a slot are basis functions without coefficients."""
+    """Return the outputs of the best evolved program at the training poses, with its inputs.
+    A compensator puts out shifts of the point, mm; outputs at a frame (slot) are basis functions without factor."""
     best = max((run for run in runs if not run.shuffled), key=lambda run: run.gain)
     program, columns = parse(best.program), problem.inputs.mapping()
     values = np.asarray(program.evaluate(columns), dtype=float).reshape(len(program.outputs), -1)
@@ -109,7 +109,7 @@ def _front(discovery: Discovery, found: Candidate, residual: Residual) -> tuple[
 
 
 def _replaces(candidate: Candidate, found: Candidate) -> bool:
-    """Return True if a formula acts at the site of the finding and depends on an input of the finding."""
+    """Return whether a formula acts at the site of a finding and depends on an input of the finding."""
     (term,), own = found.effects[0].terms[:1], candidate.effects
     there = len(own) == 1 and (own[0].terms[0].slot, own[0].terms[0].axis) == (term.slot, term.axis)
     return there and set(candidate.inputs) <= set(found.inputs) and candidate.bases != found.bases
@@ -140,7 +140,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
 
 
 def _by_folds(report: Report, discovery: Discovery) -> Report:
-    """Return the report of a selection on all poses, with the error of each pose from the fold without the pose."""
+    """Return the report of a search on all poses, with the error of each pose from the fold without the pose."""
     count, plots = len(discovery.poses), report.plots
     errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
     held = [(part, part.poses.subset(part.heldout)) for part in discovery.parts]
@@ -162,7 +162,7 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
 
 
 def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogram, ...]:
-    """Return one histogram per round; empty if nothing was evolved in any round."""
+    """Return one histogram of inputs per round of the search; empty without evolved programs."""
     counted = [r.exploration.histogram for r in discovery.rounds]
     return tuple(in_the_table(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 

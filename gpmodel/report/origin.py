@@ -34,7 +34,7 @@ PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
 
 @dataclass(frozen=True)
 class Origin:
-    """Command, table and options behind a report. noise: stated standard deviation of one coordinate, m, or None."""
+    """Command, table and options of a report. noise: stated standard deviation of one coordinate, m, or None."""
 
     command: str
     seed: int
@@ -43,7 +43,7 @@ class Origin:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that affect the numbers."""
+    """Return the versions of Python and of the packages that affect the numbers of a report."""
     out = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -54,14 +54,14 @@ def versions() -> dict[str, str]:
 
 
 def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:
-    """Return the record of the mechanism, with the joint names of the table."""
+    """Return the report's record of the mechanism, with the joint names of the table."""
     x, y, z = tip_at_trial(mechanism).tolist()
     sliding = tuple(names[j.name] for j in mechanism.joints if j.kind == "prismatic")
     return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z), sliding)
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
-    """Return the record of the table: file, split, joint ranges, and the row numbers `outliers`."""
+    """Return the report's record of the table: file, held-out poses, joint ranges, and row numbers of outliers."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -78,7 +78,7 @@ def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
 
 def marks(data: Dataset) -> tuple[str, ...]:
     """Return eight digits of a digest of the joint values and measurements of each row.
-    The result is empty if the table has kinds of measurements that columns cannot represent."""
+    No digest is returned if the table has kinds of measurements that columns cannot represent."""
     if data.observations:
         return ()
     readings = [data.position, data.rotation, *(data.distances[name] for name in sorted(data.distances))]
@@ -102,9 +102,9 @@ def floor_mm(
 ) -> tuple[float | None, NoiseSource | None]:
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    The first available source is used. Repeats are compared after subtraction of the fit, because the temperatures of
-    repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured components the RMS
-    is σ √c. values: number of components that inform the model, if solved joint values absorb the others.
+    The first available source is used. Repeats are compared after subtraction of predictions, because the temperatures
+    of repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured components the
+    RMS is σ √c. values: number of components left to the fit if solved joint values absorb the others.
     """
     data = poses.dataset
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
@@ -137,8 +137,8 @@ def repeatability(data: Dataset) -> Repeatability | None:
     """Return the pose repeatability RP of ISO 9283, 7.2.2, over the repeats of each pose; None without repeats.
 
     RP is l + 3 S, with mean l and standard deviation S (n - 1) of the distances of the repeats from their mean
-    position. The uncertainty of the mean over the poses is computed from the spread between poses. With fewer repeats
-    than the 30 of the standard, RP is smaller.
+    position. The uncertainty of the mean RP is computed from the spread between poses. With fewer repeats than the 30
+    of the standard, RP is smaller.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:
@@ -153,9 +153,9 @@ def repeatability(data: Dataset) -> Repeatability | None:
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
     """Return the pose accuracy of ISO 9283, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
-    Before: nominal geometry with fitted registration and tool. After: model of the last step. The poses are held-out
-    poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out. The result
-    is None if fewer than FEWEST poses were measured FEWEST times.
+    Before calibration: nominal geometry with fitted registration and tool. After: the last model. The poses are
+    held-out poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out.
+    Pose accuracy is None if fewer than FEWEST poses were measured FEWEST times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))
@@ -198,13 +198,13 @@ def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
 
 
 def _mean(values: Array) -> tuple[float, float]:
-    """Return the mean and its standard uncertainty from the spread of the values."""
+    """Return the mean of values and its standard uncertainty from the spread of the values."""
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
 @dataclass(frozen=True)
 class Particulars:
-    """Text fields of a certificate; an empty field is filled in by hand."""
+    """Text fields of an accuracy certificate; an empty field is filled in by hand."""
 
     machine: str = ""
     serial: str = ""
@@ -220,11 +220,11 @@ class Particulars:
     remarks: str = ""
 
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Return every field as heading and text."""
+        """Return every text field of the certificate as heading and text."""
         return tuple((f.name.replace("_", " "), getattr(self, f.name)) for f in dataclasses.fields(self))
 
     def with_lines(self, said: Mapping[str, str]) -> "Particulars":
-        """Return the particulars with non-empty new values inserted. Raises InputError for an unknown field."""
+        """Insert non-empty values into the certificate's text fields. Raises InputError for an unknown field."""
         known = [f.name for f in dataclasses.fields(self)]
         for name in said:
             if name not in known:

@@ -20,7 +20,7 @@ PAGE = "report.html"
 NAME = 80
 """Longest name of a candidate on the page, in characters."""
 _INSIDE = re.compile(r"(?<=\d) (?=[→±%]|[nµmk]?(?:m|rad|N|px|deg)\b)|(?<=[→±]) ")
-"""Spaces at which a line of a title must not break."""
+"""Spaces of a page title at which a line must not break."""
 MOST_POSES = 400
 """Number of poses listed on the page, the largest error first; poses.csv lists all poses."""
 
@@ -76,12 +76,12 @@ def _environment() -> Environment:
 
 
 def sentence(text: str) -> str:
-    """Return the text with a capital first letter and a full stop."""
+    """Write a text as a sentence, with a capital first letter and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
 def unbroken(text: str) -> str:
-    """Return the text with no-break spaces between a number and its unit, and on both sides of `→` and `±`."""
+    """Put no-break spaces into a text between a number and its unit, and on both sides of `→` and `±`."""
     return _INSIDE.sub("\N{NO-BREAK SPACE}", text)
 
 
@@ -98,7 +98,7 @@ def _decimals(value: float | None, digits: int) -> str:
 
 @cache
 def script(name: str) -> str:
-    """Return the text of a script of the templates."""
+    """Return the source text of a script that pages include."""
     return (files("gpmodel.report") / "templates" / name).read_text(encoding="utf-8")
 
 
@@ -109,7 +109,7 @@ def script_hash(name: str) -> str:
 
 
 def _tiles(report: Report) -> Iterator[dict[str, str]]:
-    """Yield the key numbers of the main steps: title, RMS, note with the largest error, and kind."""
+    """Yield the key numbers of the main models: title, RMS error, note with the largest error, and kind."""
     first, standard = report.step(REGISTRATION), report.step(STANDARD)
     last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None
     if first is not None:

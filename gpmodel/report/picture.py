@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
-"""Colours. Colours of data have a contrast of at least 3 with the paper, colours of text 4.5 (WCAG 2 AA)."""
+"""Colours of pictures. Data have a contrast of at least 3 with the paper, text 4.5 (WCAG 2 AA)."""
 
 EXPLORE = "explore.html"
 CLIP = 3.0
-"""End of an axis, relative to the 98th percentile of the values. Larger values are marked at the edge of the axis."""
+"""End of a picture's axis, relative to the 98th percentile of the values. Larger values are marked at its edge."""
 
 MOST_VECTORS = 1500
-"""Number of poses from which dots are drawn as pixels; vector graphics of so many dots would need megabytes."""
+"""Number of poses from which dots are drawn as pixels; vector graphics of more dots would need megabytes."""
 
 GAP, FEW = 0.1, 9
-"""Largest gap in a line through measured poses, relative to its width; least number of poses for a line."""
+"""Largest gap of a curve through measured poses, relative to its width; least number of poses for gaps."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -
 
 
 def broken(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return a line through points, x ascending, with NaN at gaps wider than GAP; unbroken for at most FEW values
+    """Return a line through points, x ascending, with NaN at gaps wider than GAP; without gaps for at most FEW values
     of x."""
     widest = GAP * np.ptp(x) if len(np.unique(x)) > FEW else np.inf
     wide = np.flatnonzero(np.diff(x) > widest) + 1
@@ -72,14 +72,14 @@ def rms(values: Array) -> float:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return ticks at 1, 2, 5 per decade, or at whole decades if ticks at 1, 2, 5 would overlap."""
+    """Return ticks of a logarithmic axis at 1, 2, 5 per decade, or at whole decades if ticks would overlap."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     steps = (1, 2, 5) if math.log10(high / low) < 2.6 else (1,)
     return [t for t in (s * 10.0**d for d in decades for s in steps) if low <= t <= high]
 
 
 def log_axis(axes: Axes, low: float, high: float, which: str = "x") -> None:
-    """Make an axis logarithmic from `low` to `high`, with plain numbers."""
+    """Make an axis of a picture logarithmic from `low` to `high`, with plain numbers."""
     ticks = log_ticks(low, high)
     getattr(axes, f"set_{which}scale")("log")
     getattr(axes, f"set_{which}lim")(low, high)
@@ -119,7 +119,7 @@ def signed(*axes: Axis) -> None:
 
 
 def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = True) -> None:
-    """Draw a dashed line at the noise floor, behind all other elements. said: True to label the line."""
+    """Draw a dashed line at the noise floor, behind all other elements. said: whether to label the dashed line."""
     axes.axvline(floor, color=colour, lw=1, ls=(0, (3, 3)), zorder=0)
     if said:
         axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
@@ -127,7 +127,7 @@ def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = T
 
 
 def linked(dots: Collection, rows: Sequence[int], many: bool) -> None:
-    """Link each dot to its row in explore.html, unless the dots are drawn as pixels (`many`)."""
+    """Link each dot of a picture to its pose in explore.html, unless dots are drawn as pixels (`many`)."""
     if not many:
         dots.set_urls([f"{EXPLORE}#row={row}" for row in rows])
 

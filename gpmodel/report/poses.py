@@ -1,4 +1,4 @@
-"""Residuals pose by pose: table of the report page, and poses.csv."""
+"""Residuals pose by pose: a table of the report page, and the file poses.csv."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from gpmodel.report.schema import Report
 
 CSV = "poses.csv"
 DECIMALS = 4
-"""Decimals of a millimetre: a tenth of a micrometre."""
+"""Number of decimals of a residual in mm: a tenth of a micrometre."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class PoseError:
 
 def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
     """Return the errors of all poses, in order of decreasing error after calibration.
-    steps: names of the steps before and after; by default the two steps that the report compares."""
+    steps: names of the models before and after; by default the two models that the report compares."""
     before, after = (_errors(report, step) for step in steps or report.before_and_after())
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)
@@ -42,8 +42,8 @@ def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[P
 def csv(report: Report) -> str:
     """Return the text of poses.csv in the order of the rows.
 
-    The columns are the 3-D error and its components before and after, in mm, and the orientation error, in mrad.
-    Components and nominal positions are in the root frame.
+    The columns are the 3-D error and its components before and after calibration, in mm, and the orientation error, in
+    mrad. Components of errors and nominal positions are in the root frame.
     """
     poses, plots = sorted(pose_errors(report), key=lambda p: p.row), report.plots
     frame = pd.DataFrame(
@@ -69,7 +69,7 @@ def csv(report: Report) -> str:
 
 
 def _errors(report: Report, step: str) -> Array:
-    """Return the error of every pose after a step; empty if the report does not contain the errors."""
+    """Return the error of every pose, mm, after a step of the calibration; empty if the report has none."""
     held = np.array(report.plots.heldout_mask, dtype=bool)
     sides = report.plots.error_mm.get(step)
     if sides is None or len(sides.heldout) != held.sum() or len(sides.train) != (~held).sum():

@@ -1,4 +1,4 @@
-"""Write report.json from a Report, and read report.json with checks of every type and bound."""
+"""Write the file report.json from a Report, and read it with checks of every type and bound."""
 
 import dataclasses
 from pathlib import Path
@@ -16,12 +16,12 @@ NAME = REPORT
 LARGEST_FILE = 256 << 20
 """Largest size of report.json, bytes; a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
-"""Program representations whose counts are always in report.json."""
+"""Representations of evolved programs whose counts of inputs are always in report.json."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
 def as_dict(report: Report) -> dict[str, object]:
-    """Return the content of report.json. `histogram` is the histogram of round 1, with counts `linear` and `tree`."""
+    """Return the content of report.json. The entry `histogram` is that of round 1, with counts `linear` and `tree`."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else without_runs((), 1.0)
     none = (0,) * len(first.inputs)

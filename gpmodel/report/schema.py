@@ -1,7 +1,7 @@
 """report.json as a tree of frozen records, schema 3: the result of a calibration, a discovery or an evolution.
 
-Field names are the keys of the file. Lengths ending in `_mm` are millimetres; every other value is SI, with its unit in
-a separate field. Names of joints and inputs are those of the table. A number that was not computed is None.
+Field names are the keys of the file. Fields ending in `_mm` are in millimetres; every other value is SI, with its unit
+in a separate field. Joints and inputs have their names in the table. A number that was not computed is None.
 """
 
 from dataclasses import dataclass, field
@@ -34,16 +34,16 @@ SCHEMA = 3
 """Version of report.json: schema 3 stores histograms, runs of programs and the curve of error against rank."""
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
-"""Relative difference from which two errors are both stated: the last printed digit."""
+"""Relative difference from which two RMS errors are both stated: the last printed digit."""
 MOST_REJECTED = 5
-"""Largest number of rejected candidates in the report."""
+"""Largest number of rejected candidate effects in a report."""
 NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
 
 @dataclass(frozen=True)
 class ErrorsMm:
-    """3-D errors over a set of poses, mm; all None for an empty set."""
+    """Statistics of 3-D errors over a set of poses, mm; all None for an empty set."""
 
     mean_mm: NotNegative | None = None
     rms_mm: NotNegative | None = None
@@ -57,7 +57,7 @@ class ErrorsMm:
 
 @dataclass(frozen=True)
 class PredictedRecord:
-    """3-D errors of predictions by the saved model, as measured (`predict --session`) and without an option.
+    """3-D errors, mm, of predictions by the saved model, as measured (`predict --session`) and without an option.
 
     heldout: errors at held-out poses, by fits without these poses. model: errors at all poses, by model.json, which is
     fitted to all poses. Predictions without an option omit instrument errors, and describe the robot at the end of the
@@ -78,8 +78,8 @@ class PredictedRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """Errors after one step of the model. effect: number in `effects` of the effect that the step adds. rank: effective
-    number of unknowns."""
+    """Errors of one model of a growing sequence. effect: number in `effects` of the effect that the model adds. rank:
+    effective number of unknowns."""
 
     step: str
     train: ErrorsMm = ErrorsMm()
@@ -90,23 +90,23 @@ class StepRecord:
 
     @property
     def beyond_standard(self) -> bool:
-        """True if the model of the step contains more than the standard model."""
+        """True if the model contains effects in addition to the standard model."""
         return self.step not in (REGISTRATION, STANDARD)
 
     @property
     def errors(self) -> ErrorsMm:
-        """Errors of the step at the held-out poses, or at the training poses if no poses were held out."""
+        """Errors of the model at held-out poses, or at training poses if no poses were held out."""
         return self.heldout if self.heldout.known else self.train
 
 
 @dataclass(frozen=True)
 class DataRecord:
-    """The measured table.
+    """Record of the measured table.
 
     poses: number of rows; different: number of different poses.
     train, heldout: number of training rows and of held-out rows.
     folds: number of folds if every pose was held out once.
-    outliers: row numbers of the outliers of the final fit or of the last fit to training poses.
+    outliers: row numbers of outliers in the final fit or in the last fit to training poses.
     ranges: measured range of every joint.
     marks: digest of each row; rows with equal joint values and measurements have equal digests in all tables.
     """
@@ -129,13 +129,13 @@ class DataRecord:
 
     @property
     def counted(self) -> str:
-        """Number of poses as text, with the number of rows if the table has more rows than poses."""
+        """Number of measured poses as text, with the number of rows if the table has more rows than poses."""
         return counted(self.different, self.poses)
 
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism of a report. joints: joint names in the table. sliding: names of prismatic joints.
+    """The mechanism of a report. joints: joint names in the table. sliding: names of the prismatic joints.
     tip_at_probe_m: position of the measured link at fixed joint values, m, which identifies the mechanism."""
 
     name: str = ""
@@ -148,8 +148,8 @@ class MechanismRecord:
 class ParameterRecord:
     """One parameter of the fitted model, SI units.
 
-    stderr: standard error. Of a parameter held at zero, kept is False; its stderr is the standard deviation of its
-    prior if no measurement shows the parameter, and None if other parameters absorb it.
+    stderr: standard error. A parameter held at zero has kept = False; its stderr is the standard deviation of its prior
+    if no measurement depends on the parameter, and None if other parameters absorb the parameter.
     """
 
     name: str
@@ -188,14 +188,14 @@ class ExportRecord:
 
 @dataclass(frozen=True)
 class Report:
-    """The content of report.json.
+    """The content of the file report.json.
 
     kind: the function that made the report. settings: settings of an evolution.
     noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
     stopped: reason for the end of the search.
-    placement: tool point in the flange frame and root in the instrument's frame, as numbers; rotations as vectors.
+    placement: tool point in the flange frame and root pose in the instrument's frame; rotations as vectors.
     unobservable: effects absorbed by joint values that are solved at every pose.
-    hidden: sentences on effects equivalent to constants of the standard model; mimics: names of these pairs.
+    hidden: sentences on effects equivalent to constants of the standard model; mimics: names of equivalent pairs.
     further: expected errors at further poses. predicted: errors of predictions.
     discrepancy_mm: standard deviation of one coordinate due to missing effects (model discrepancy).
     readings: residuals of measurements other than points, by kind; unseen: quantities that are not determined, if no
@@ -249,15 +249,15 @@ class Report:
 
     @property
     def held(self) -> bool:
-        """True if any step has errors at held-out poses."""
+        """True if any model of the report has errors at held-out poses."""
         return any(rung.heldout.known for rung in self.ladder)
 
     def step(self, name: str) -> StepRecord | None:
-        """Return the step with the given name, or None."""
+        """Return the calibration step with the given name, such as "standard", or None."""
         return next((rung for rung in self.ladder if rung.step == name), None)
 
     def title(self, rung: StepRecord) -> str:
-        """Return the title of a step."""
+        """Return the title of a calibration step for a heading."""
         if rung.effect is not None and rung.effect < len(self.effects):
             return f"+ {self.effects[rung.effect].name}"
         standard = "standard model" if self.step(ALONE) is None else PRIOR
@@ -265,7 +265,7 @@ class Report:
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
         """Return the RMS angle between measured and modelled orientation after a step of the calibration, mrad.
-        The angle is None without measured orientations, and for steps between standard model and last step."""
+        The angle is None without measured orientations, and for models between standard model and last model."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 
@@ -276,8 +276,8 @@ class Report:
         return next(((k.before, k.after) for k in kinds if k.before is not None and k.after is not None), None)
 
     def before_and_after(self) -> tuple[str, str]:
-        """Return the names of the two compared steps: standard model and last step.
-        Without effects beyond the standard model, the steps are registration and standard model."""
+        """Return the names of the two compared models: standard model and last model. Without effects in addition to
+        the standard model, registration and standard model are compared."""
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]
@@ -289,7 +289,7 @@ class Report:
         return STANDARD if refused else self.before_and_after()[1]
 
     def geometry(self) -> tuple[ParameterRecord, ...]:
-        """Return the fitted geometric parameters, which belong to no named or found effect."""
+        """Return the fitted geometric parameters, without parameters of named or found effects."""
         effects = tuple(e.name for e in self.effects)
         return tuple(p for p in self.parameters if p.kept and not p.name.startswith(effects or ("\0",)))
 
@@ -302,7 +302,7 @@ class Report:
         return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
     def removed(self, shuffled: bool) -> float | None:
-        """Return the median share of the error norm that the best programs of the runs remove; None without runs."""
+        """Return the median share of the error norm that the best evolved programs explain; None without evolution."""
         gains = [run.gain for run in self.runs if run.shuffled == shuffled]
         return median(gains) if gains else None
 

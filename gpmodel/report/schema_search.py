@@ -1,4 +1,4 @@
-"""Records of a search in report.json: findings, rejected candidates, counts of inputs."""
+"""Records of a search for effects in report.json: findings, rejected candidates, counts of inputs."""
 
 import math
 from collections.abc import Collection
@@ -26,7 +26,7 @@ class SideErrors:
 @dataclass(frozen=True)
 class ShapeRecord:
     """Partial residual of an effect over its first input, at some rows of the table.
-    curve_x, curve_y: points of the fitted function, if the effect depends on one input alone."""
+    curve_x, curve_y: points of the fitted function of one input, if the effect depends on one input alone."""
 
     effect: Count
     x_name: str = "row"
@@ -75,7 +75,7 @@ class PlotRecord:
 @dataclass(frozen=True)
 class ReadingRecord:
     """Residuals of one kind of measurement: number of rows, and RMS after registration and after the last step.
-    The RMS has the unit of the measurement, and is over held-out rows if rows were held out."""
+    The RMS residual has the unit of the measurement, and is over held-out rows if rows were held out."""
 
     name: str
     unit: str
@@ -103,9 +103,8 @@ class Repeatability:
 class Positioning:
     """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from the modelled position.
 
-    before: AP with the nominal geometry. after: AP with the model. Stated are the mean AP over the poses with standard
-    uncertainty, and the maximum.
-    heldout: True if the model was fitted without the poses of AP.
+    before: AP with the nominal geometry. after: AP with the model. AP is stated as mean over the poses with standard
+    uncertainty, and as maximum. heldout: True if the model was fitted without the poses of AP.
     """
 
     poses: Count
@@ -134,12 +133,12 @@ NOTICED = 0.01
 """Least relative decrease of the cross-validated error for a rejected candidate to be listed: the last printed digit.
 """
 SIGNIFICANT = ("chance", "nats")
-"""Names of the tests of significance; tests with other names concern prediction."""
+"""Names of the acceptance tests for significance; tests with other names concern prediction."""
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Name of an unknown and its correlation with the recorded parameter or effect."""
+    """Name of a fitted parameter and its correlation with the recorded parameter or effect."""
 
     name: str
     correlation: Annotated[float, Meta(ge=-1 - ROUNDING, le=1 + ROUNDING)]
@@ -147,7 +146,7 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Range:
-    """Smallest and largest value of an input in the training rows, in `unit`."""
+    """Smallest and largest value of an effect's input in the training rows, in `unit`."""
 
     input: str
     low: float
@@ -157,7 +156,7 @@ class Range:
 
 @dataclass(frozen=True)
 class RivalRecord:
-    """Alternative candidate in the credible set of a finding, and the cross-validated RMS with the alternative."""
+    """Alternative cause in the credible set of a finding, and the cross-validated RMS error with this cause."""
 
     name: str
     cv_rms_mm: NotNegative | None = None
@@ -180,7 +179,7 @@ class CauseRecord:
 
 @dataclass(frozen=True)
 class TermRecord:
-    """One term of an effect: weight times basis function, along an axis of a slot (frame)."""
+    """One term of an error effect: weight times basis function, along an axis of a frame (slot)."""
 
     slot: str
     axis: str
@@ -200,8 +199,8 @@ class MovedRecord:
 
 @dataclass(frozen=True)
 class FormulaRecord:
-    """A formula on the Pareto front of a finding's site: its gain is larger than that of every shorter formula.
-    nodes: length of the formula. nats: gain in log likelihood, given the rest of the model. taken: selected formula."""
+    """A formula on the Pareto front of a finding's site: it gains more log likelihood than every shorter formula.
+    nodes: length of the formula. nats: gain in log likelihood, given the rest of the model. taken: True if selected."""
 
     basis: str
     nodes: Count
@@ -211,7 +210,7 @@ class FormulaRecord:
 
 @dataclass(frozen=True)
 class TestRecord:
-    """One test of the acceptance rule: value, limit, and result (passed or failed)."""
+    """One acceptance test of a candidate effect: value, limit, and result (passed or failed)."""
 
     __test__ = False
     name: str
@@ -238,7 +237,7 @@ class EffectRecord:
     of_specification: RMS of an instrument error relative to its specification.
     ranges: ranges of the inputs in training. constants: constants inside the formula.
     moved: displacement of the measured point at each pose.
-    front: other formulas of the finding, the shortest first; longer formulas fit better.
+    front: alternative formulas for the effect, the shortest first; longer formulas fit better.
     """
 
     name: str
@@ -290,7 +289,7 @@ class EffectRecord:
 
     @property
     def repair(self) -> RepairAdvice | None:
-        """Advice for repair: symptom, manual check, clause of a standard, use of compensation; None if unknown."""
+        """Repair advice for the effect: symptom, manual check, clause of a standard, use of compensation; or None."""
         return repair_advice().get(self.catalogue or "")
 
     @property
@@ -302,12 +301,12 @@ class EffectRecord:
 
     @property
     def others(self) -> tuple[CauseRecord, ...]:
-        """Causes in the credible set that differ from the finding."""
+        """Possible causes (of the credible set) other than the finding."""
         return tuple(cause for cause in self.causes or () if not cause.own)
 
     @property
     def most_probable_cause(self) -> CauseRecord | None:
-        """The most probable cause if it is more probable than the finding, else None."""
+        """The most probable cause of the observed error if it is not the finding, else None."""
         most = max(self.others, key=lambda cause: cause.probability, default=None)
         return most if most and most.probability > (self.probability or 0.0) else None
 
@@ -320,7 +319,7 @@ class EffectRecord:
     def stderr_over_causes(self) -> float | None:
         """Root mean square deviation of the true value from the fitted value over all causes. The deviation is √(σ² +
         value² Σ p (1 - a)²) over the causes of probability p that contain the share a of the value, with σ² for causes
-        with the finding alone. Outside the credible set the share a is 0.
+        with the finding alone. For causes outside the credible set the share a is 0.
         Source: Hoeting et al. (1999), variance within and between models."""
         if self.causes is None or self.probability is None or self.value is None or self.stderr is None:
             return None
@@ -333,7 +332,7 @@ class EffectRecord:
 
 @dataclass(frozen=True)
 class CandidateRecord:
-    """A tested candidate: score, and reason for acceptance or rejection.
+    """A tested candidate effect: score, and reason for acceptance or rejection.
     cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with and without the candidate."""
 
     name: str = ""
@@ -364,8 +363,8 @@ class CandidateRecord:
 
 @dataclass(frozen=True)
 class RoundRecord:
-    """One round of the search. null_nats: largest gain of each search on permuted residuals, nats. dropped: findings
-    removed in the round."""
+    """One round of the search. null_nats: largest log evidence gain of each search on permuted residuals, nats.
+    dropped: findings removed in the round."""
 
     round: Count = 0
     candidates: tuple[CandidateRecord, ...] = ()
@@ -375,7 +374,7 @@ class RoundRecord:
 
 @dataclass(frozen=True)
 class CompensationRecord:
-    """Inputs and outputs of the best program at the training poses.
+    """Inputs and outputs of the best evolved program at the training poses.
     columns: values of the inputs at each pose. values: values of the outputs at each pose."""
 
     run: str = ""

@@ -1,4 +1,4 @@
-"""Write a Report as text of 80 columns, similar to lmfit's fit_report: held-out errors first, then findings."""
+"""Write a Report as text of 80 columns, similar to lmfit's fit_report: first held-out errors, then effects."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import NAME, WIDTH, wrapped
 
 MOST_LISTED = 12
-"""Largest number of names in a list; further names are counted."""
+"""Largest number of names in a list of the text report; further names are counted."""
 
 
 def summary(report: Report) -> str:
-    """Return verdict, errors by step, noise floor, findings with σ and causes, parameters and caveats as text."""
+    """Write verdict, errors by step, noise floor, effects with σ and causes, parameters and caveats as text."""
     blocks = (
         ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),

@@ -18,16 +18,16 @@ COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", 
 MOST_SIZED = 2
 """Largest number of effects that the verdict of a calibration names; further effects are counted."""
 SURE = 0.9
-"""Probability of a finding above which the verdict names no other cause."""
+"""Probability of a found effect above which the verdict names no other possible cause."""
 STATED_TOO_LARGE = 3.0
-"""Ratio of stated noise to residual above which the stated noise is too large."""
+"""Ratio of stated noise to residual above which the report remarks that the stated noise is too large."""
 FAR_ABOVE = 2.0
-"""Ratio of held-out to training error that is stated. Fitted unknowns alone cause 1.4 with 30 poses and 27 unknowns."""
+"""Ratio of held-out to training error from which it is stated. Fitting causes 1.4 with 30 poses and 27 unknowns."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 
 def of_discovery(report: Report) -> str:
-    """State the number of missing effects, the confirmation on held-out poses, and the error before and after."""
+    """State the number of missing effects, their confirmation on held-out poses, and errors without and with them."""
     standard, last = report.step(STANDARD) or report.ladder[0], report.ladder[-1]
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
@@ -54,15 +54,15 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """State inputs and alternatives of the effects, the number of undecided candidates, and the orientation error.
-    The text is empty if nothing is to be stated."""
+    """State inputs and alternatives of the effects, the number of undecided candidates, and the orientation error, if
+    any."""
     inputs = list(inputs_in_words(report))
     followed = f"The found effects depend on {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
     return " ".join(filter(None, (followed, *_undecided(report), _rejected(report), *_orientation(report))))
 
 
 def _orientation(report: Report) -> Iterator[str]:
-    """State the orientation error after the steps that the verdict compares, if orientation was measured."""
+    """State the orientation error of the two models that the verdict compares, if orientation was measured."""
     names = dict.fromkeys((report.before_and_after()[0], report.shipped))
     steps = [step for name in names if (step := report.step(name)) is not None]
     turns = [turn for step in steps if (turn := report.turn_mrad(step)) is not None]
@@ -88,7 +88,7 @@ def _rejected(report: Report) -> str:
 
 
 def _undecided(report: Report) -> Iterator[str]:
-    """Name each effect that the measured poses do not distinguish from another cause."""
+    """Name each found effect that the measured poses do not distinguish from another cause."""
     for effect in report.effects:
         others = effect.others
         if likely := effect.most_probable_cause:
@@ -103,7 +103,7 @@ def _undecided(report: Report) -> Iterator[str]:
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:
-    """Yield the inputs of the effects in words; loads of one kind are named once with all joints."""
+    """Yield the inputs of effects in words; loads of one kind are named once with all joints."""
     joints, sliding = report.mechanism.joints, report.mechanism.sliding
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     if loads := [x for x in inputs if _LOAD.match(x)]:
@@ -119,7 +119,7 @@ def inputs_in_words(report: Report) -> Iterator[str]:
 
 
 def spans(names: Sequence[str], order: Sequence[str]) -> str:
-    """Return names in the given order, three or more neighbours as a range: `J1-J3, J5`."""
+    """Write names of joints in the given order, three or more neighbours as a range: `J1-J3, J5`."""
     at = sorted(order.index(n) for n in set(names) if n in order)
     runs = np.split(np.array(at, dtype=int), np.flatnonzero(np.diff(at) != 1) + 1) if at else []
     said = []
@@ -132,7 +132,7 @@ def spans(names: Sequence[str], order: Sequence[str]) -> str:
 
 
 def _places(loads: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Return the base or joint at which each load acts."""
+    """Return the base or joint at which each load (force or torque) acts."""
     found = [match["at"].partition("_of_")[0] for load in loads if (match := _LOAD.match(load))]
     by_length = sorted(("base", *joints), key=len, reverse=True)
     return [next((p for p in by_length if at == p or at.startswith(f"{p}_")), "") for at in found]
@@ -147,7 +147,7 @@ def _where(report: Report) -> str:
 
 
 def _remarks(report: Report) -> str:
-    """State the outliers by row, and a held-out error far above that of training; empty without any."""
+    """State the outliers by row, and a held-out error far above the training error; empty without either."""
     rows, last = report.data.outliers, report.ladder[-1]
     said = f" {wording.left_out(rows, report.data.poses)}." if rows else ""
     held, train = last.heldout.rms_mm if last.heldout else None, last.train.rms_mm
@@ -161,7 +161,7 @@ def _remarks(report: Report) -> str:
 
 def _beside_noise(report: Report, rms: float | None) -> str:
     """Compare an error, mm, with the noise floor; empty if the floor is unknown.
-    An error is at the floor within two standard errors of an RMS over n poses, 1 / √(2 n) each."""
+    An RMS error over n poses counts as equal to the floor within two standard errors, 1 / √(2 n) each."""
     floor = report.noise_floor_mm
     if floor is None or not rms:
         return ""
@@ -177,7 +177,7 @@ def _beside_noise(report: Report, rms: float | None) -> str:
 
 
 def of_calibration(report: Report) -> str:
-    """State the fitted model, and the error before and after."""
+    """State the calibrated model, and the error before and after calibration."""
     last = report.ladder[-1]
     what = wording.listed(["the standard model", *(e.name for e in report.effects)][: 1 + MOST_SIZED])
     if len(report.effects) > MOST_SIZED:
@@ -189,7 +189,7 @@ def of_calibration(report: Report) -> str:
 
 
 def of_evolution(report: Report) -> str:
-    """State the inputs that programs reference significantly, and the share that the best program explains."""
+    """State the inputs that evolved programs contain significantly, and the share that the best one explains."""
     histogram = report.histograms[0]
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)

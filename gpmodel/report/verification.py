@@ -32,16 +32,15 @@ NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
 
 TOO_GOOD = 1e-6
-"""Probability of so small a chi-square below which the page remarks that the errors are too small."""
+"""Probability of a smaller chi-square below which the page remarks that the errors are implausibly small."""
 
 
 @dataclass(frozen=True)
 class PoseRecord:
-    """A row of the table of a verification.
+    """Record of one row of new measurements that verify a model.
 
     without_mm, with_mm: 3-D errors, mm, with the nominal geometry and with the model.
-    promised_mm: RMS error that the model expects. chance: p-value of the error. `promised_mm` and `chance` are None for
-    an outlier.
+    promised_mm: expected RMS error, None for an outlier. chance: p-value of the error, None for an outlier.
     outside: inputs outside the ranges of the fit.
     missed_mm: error of a compensated target, mm.
     """
@@ -58,7 +57,7 @@ class PoseRecord:
 
 @dataclass(frozen=True)
 class Others:
-    """Rows of a long table on which the verdict is not based, and their errors with the model, mm."""
+    """Rows of a long table that the verification does not test, and their errors with the model, mm."""
 
     rows: tuple[int, ...]
     with_mm: tuple[NotNegative, ...]
@@ -80,15 +79,14 @@ class KindRecord:
 
 @dataclass(frozen=True)
 class Verification:
-    """The content of verify.json.
+    """The content of verify.json: the result of testing a model on new measurements.
 
     verdict: holds, drifted or another machine.
     sigma_mm: noise of one coordinate, by the model. noise_degrees: degrees of freedom of sigma_mm, None if given.
-    chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of so small a
-    chi-square.
+    chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of a smaller chi-square.
     instrument: True if the measurements include the instrument errors of the model.
-    tolerance_mm: largest allowed error of a row, if given.
-    kinds: measurements other than points; errors of their rows are converted to mm.
+    tolerance_mm: largest allowed error of a row, or None.
+    kinds: measurements other than points, whose errors are converted to mm.
     orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: distance of the tool point.
     rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
     tolerance.
@@ -129,20 +127,20 @@ class Verification:
 
     @property
     def shown(self) -> tuple[str, float]:
-        """Unit of the row errors and its size in mm: the unit of the measurements if all have one unit."""
+        """Unit in which row errors are printed, and its size in mm: the unit of the measurements if they have one."""
         units = {(k.unit, k.mm) for k in self.kinds}
         alone = len(units) == 1 and sum(k.rows for k in self.kinds) + len(self.data.outliers) >= len(self.poses)
         return units.pop() if alone else ("mm", 1.0)
 
     @property
     def beyond_tolerance(self) -> tuple[PoseRecord, ...]:
-        """Rows with an error above the tolerance, outliers included, the largest first."""
+        """New measurements with an error above the tolerance, outliers included, the largest first."""
         limit = self.tolerance_mm
         return () if limit is None else tuple(p for p in self.worst_first if (p.with_mm or 0.0) > limit)
 
     @property
     def worst_first(self) -> tuple[PoseRecord, ...]:
-        """Rows in order of decreasing error with the model; rows without a measured point last."""
+        """New measurements in order of decreasing error with the model; rows without a measured point last."""
         return tuple(sorted(self.poses, key=lambda p: -1.0 if p.with_mm is None else p.with_mm, reverse=True))
 
     @property
@@ -152,13 +150,13 @@ class Verification:
 
     @property
     def beyond(self) -> int:
-        """Number of all rows that exceed the tolerance."""
+        """Number of all new measurements that exceed the tolerance."""
         limit, others = self.tolerance_mm, self.others.with_mm if self.others else ()
         return len(self.beyond_tolerance) + sum(limit is not None and mm > limit for mm in others)
 
     @property
     def worst(self) -> tuple[int, float | None]:
-        """Number of the row with the largest error with the model, and this error, mm."""
+        """Number of the row that has the largest error with the model, and that error, mm."""
         first = self.worst_first[0]
         pairs = list(zip(self.others.with_mm, self.others.rows, strict=True)) if self.others else []
         mm, row = max(pairs, default=(0.0, 0))
@@ -167,12 +165,12 @@ class Verification:
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """Input of a verification.
+    """Input of the verification of a model on new measurements.
 
     missed: error at each compensated target, m.
     rows: number of rows of the table.
     others: rows that are not tested.
-    fitted: rows that are excluded because the fit used them.
+    fitted: rows that are excluded because the model was fitted to them.
     """
 
     command: str
@@ -239,7 +237,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
 
 
 def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
-    """Yield the record of each kind of measurement over the rows that are not outliers."""
+    """Yield the record of each kind of measurement in a verification, without outliers."""
     session = found.session
     for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
         rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]
@@ -249,7 +247,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
 
 
 def _orientation(found: Verified) -> ReadingRecord | None:
-    """Return the orientation errors over the rows that are not outliers; None without measured orientations."""
+    """Return the RMS orientation errors of a verification without outliers; None without measured orientations."""
     session = found.session
     turns = (found.alone_turn[session.use], turn_error(session.observed, session.poses.dataset)[session.use])
     known = [values[np.isfinite(values)] for values in turns]
@@ -259,7 +257,7 @@ def _orientation(found: Verified) -> ReadingRecord | None:
 
 
 def by_row(record: Verification) -> pd.DataFrame:
-    """Return the rows of the table as in verify.csv, the largest error with the model first."""
+    """Return the verified rows as in verify.csv, the largest error with the model first."""
     return pd.DataFrame(record.worst_first).rename(columns=lambda name: name.replace("_mm", " [mm]"))
 
 

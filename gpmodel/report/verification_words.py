@@ -1,4 +1,4 @@
-"""Verification as text, as a page and as a certificate."""
+"""Verification of a model on new measurements as text, as a page and as a certificate."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS, MOST_PRINTED = 400, 8
-"""Number of rows listed on the page and on a terminal, the largest error first; verify.csv has all rows."""
+"""Number of verified rows listed on page and terminal, the largest error first; verify.csv has all rows."""
 MOST_RIVALS = 4
-"""Number of rivals of a change in a sentence; verify.json has all."""
+"""Number of alternative explanations of a change in a sentence; verify.json lists all."""
 UNLIKELY = 0.001
-"""Probability of a row's error below which the row is marked; one of fifty tables with twenty rows has a mark."""
+"""Probability of a row's error below which the row is marked: by chance in one of fifty tables of twenty rows."""
 NOMINAL = "nominal, as driven"
-"""Label for errors of the nominal geometry at the actual joint values, not of the machine before calibration."""
+"""Label of errors with nominal geometry at the actual joint values, which are not errors before calibration."""
 LOST = 50.0
-"""Error with nominal geometry, mm, that no arm of the right type has. Joint columns, units or the type are wrong."""
+"""Error with nominal geometry, mm, that no arm of the right type has: joint columns, units or the type are wrong."""
 
 
 def size(record: Verification, mm: float | None, bare: bool = False) -> str:
-    """Return the error of a row with the unit of the measurements. bare: without the unit."""
+    """Return the error of a verified row as text in the unit of the measurements. bare: without the unit."""
     unit, of_one = record.shown
     if unit == "mm":
         said = wording.millimetres(mm)
@@ -44,12 +44,12 @@ def size(record: Verification, mm: float | None, bare: bool = False) -> str:
 
 
 def verdict(record: Verification) -> str:
-    """Return the verdict on the model as one text."""
+    """Return the verdict of a verification (model holds or not) as one text."""
     return " ".join(sentences(record))
 
 
 def sentences(record: Verification) -> Iterator[str]:
-    """Yield verdict, errors for comparison, changes and tolerance, one sentence each."""
+    """Yield verdict, errors for comparison, changes and tolerance of a verification, one sentence each."""
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
@@ -87,7 +87,7 @@ def _rows_apart(record: Verification) -> Iterator[str]:
 
 
 def tolerance(record: Verification) -> str:
-    """State whether the errors are within the tolerance; empty without a tolerance."""
+    """State whether the errors of the new measurements are within the tolerance; empty without a tolerance."""
     if record.tolerance_mm is None:
         return ""
     (row, worst), (unit, of_one) = record.worst, record.shown
@@ -114,7 +114,7 @@ def change(found: NamedChange) -> str:
 
 
 def facts(record: Verification) -> Iterator[tuple[str, str]]:
-    """Yield the statistics of the verdict, each with its heading."""
+    """Yield the statistics behind the verdict of a verification, each with its heading."""
     known = "" if record.noise_degrees is None else f", σ known from {record.noise_degrees:.0f}"
     yield (
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
@@ -167,7 +167,7 @@ def _errors(record: Verification, errors: ErrorsMm) -> str:
 
 
 def text(record: Verification) -> str:
-    """Return verdict, errors, statistics and the rows with the largest errors as text of 80 columns."""
+    """Return a verification as text of 80 columns: verdict, errors, statistics and rows with the largest errors."""
     errors = (
         (NOMINAL, _errors(record, record.without)), ("with the model", _errors(record, record.after)),
         ("expected", f"RMS {size(record, record.promised_mm)}"),
@@ -191,7 +191,7 @@ def _row(record: Verification, pose: PoseRecord) -> str:
 
 
 def picture(record: Verification) -> Picture:
-    """Return a picture of the errors row by row: with the model, with the nominal geometry, and expected."""
+    """Return a picture of verification errors row by row: with the model, with nominal geometry, and expected."""
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
         f"Error of every row: {_errors(record, record.after)} with the model, "
@@ -227,7 +227,7 @@ def _draw(figure: Figure, record: Verification) -> None:
 
 
 def html(record: Verification) -> str:
-    """Return the verification as a page."""
+    """Return the verification of a model as an HTML page."""
     from gpmodel.report.figures import drawn
 
     shown = picture(record)

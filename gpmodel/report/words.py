@@ -1,4 +1,4 @@
-"""Write sentences for text and pages: noise floor, confirmation, causes, tests of inputs, sites."""
+"""Write sentences for reports: on noise floor, confirmation, causes, tests of inputs, sites."""
 
 import math
 from collections.abc import Iterator
@@ -33,8 +33,8 @@ _CAUSES = {
 
 
 def instrument(report: Report) -> str:
-    """State the noise expected from the instrument's specification and the noise found; empty
-    without a specification."""
+    """State the noise expected from the instrument's specification and the noise of the measurements; empty without a
+    specification."""
     stated = report.instrument
     if stated is None:
         return ""
@@ -47,7 +47,7 @@ def instrument(report: Report) -> str:
 
 
 def beside_specification(effect: EffectRecord) -> str:
-    """Compare an error of the instrument with its specification; empty for any other effect."""
+    """Compare a fitted error of the instrument with its specification; empty for any other effect."""
     times = effect.of_specification
     if times is None:
         return ""
@@ -60,7 +60,7 @@ def beside_specification(effect: EffectRecord) -> str:
 COVERAGE_OF_CAUSES = "95 %"
 NO_NAME = "none of these: an effect outside the catalogue"
 MOST_EXPLAINED = 3
-"""Number of inputs whose tests are stated in words; the table has all inputs."""
+"""Number of inputs of evolved programs whose tests are stated in words; the report's table has all inputs."""
 _FOUND_BY = {
     CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
     SMOOTH_TERM: "a smooth term; no formula predicts as well",
@@ -83,7 +83,7 @@ def noise_floor(report: Report) -> str:
 
 
 def predicted(report: Report) -> str:
-    """State the error of `predict` without an option and of the last step; empty if the two errors are equal."""
+    """State the errors of `gpmodel predict` without an option and of the last model; empty if they are equal."""
     found = report.predicted
     if found is None or not found.differs:
         return ""
@@ -115,7 +115,7 @@ def _reference(report: Report) -> str:
 
 
 def confirmed(report: Report) -> str:
-    """State whether held-out poses confirm the added effects; empty without added effects."""
+    """State whether held-out poses confirm the effects that a search added; empty without added effects."""
     found = report.confirmation
     if found is None:
         return ""
@@ -127,7 +127,7 @@ def confirmed(report: Report) -> str:
 
 
 def fitted_loads(said: str) -> str:
-    """State which loads were fitted in the place of the declared ones; empty if none were. said: the fitted loads."""
+    """State which loads were fitted in place of the declared loads; empty if none were. said: the fitted loads."""
     if not said:
         return ""
     return f"The declared loads do not explain the residual; the findings hold for {said}. Check it and declare it."
@@ -146,7 +146,7 @@ def causes(effect: EffectRecord) -> str:
 
 
 def title(effect: EffectRecord) -> str:
-    """Return the name of a finding, preceded by its most probable cause if that is another effect."""
+    """Return the name of a found effect, preceded by its most probable cause if the cause is another effect."""
     likely = effect.most_probable_cause
     if likely is None:
         return effect.name
@@ -154,7 +154,7 @@ def title(effect: EffectRecord) -> str:
 
 
 def moves(effect: EffectRecord) -> str:
-    """State the displacement of the tool and the part that no other parameter absorbs; empty if unknown."""
+    """State the tool's displacement by an effect, and the part that no other parameter absorbs; empty if unknown."""
     if effect.tool_rms_mm is None:
         return ""
     said = f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS"
@@ -174,7 +174,7 @@ def doubt(effect: EffectRecord) -> str:
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
-    """State whether the histogram of referenced inputs indicated a finding in its round; empty without a histogram."""
+    """State whether the histogram of evolved programs indicated the inputs of a finding; empty without a histogram."""
     histogram = report.histogram_of(effect)
     if histogram is None:
         return ""
@@ -185,7 +185,7 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
 
 
 def story(report: Report) -> Iterator[str]:
-    """Explain differences between the inputs of the histogram and the inputs of the findings."""
+    """Explain differences between the significant inputs of evolved programs and the inputs of the found effects."""
     read = {name for effect in report.effects for name in effect.inputs}
     for number, histogram in enumerate(report.histograms, 1):
         others = [name for name in histogram.significant if name not in read]
@@ -216,7 +216,7 @@ def found(report: Report, effect: EffectRecord) -> str:
 def dropped(report: Report) -> str:
     """State which constants are held at zero because they are redundant; empty without redundant constants.
 
-    Constants that no measurement shows are not redundant; `calibration.unobservable` states them.
+    Constants on which no measurement depends are not redundant; `calibration.unobservable` lists them.
     """
     unseen = [p.name for p in report.parameters if not p.kept and p.stderr]
     names = [name for name in report.dropped() if name not in unseen]
@@ -243,7 +243,7 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
 
 
 def constants(effect: EffectRecord) -> tuple[str, ...]:
-    """Return the constants inside a formula with standard errors (`lag 40.2 ± 0.9 min`), or the rows of an event."""
+    """Write the constants of a formula with standard errors (`lag 40.2 ± 0.9 min`), or the rows of an event."""
     out = []
     for c in effect.constants:
         if c.low is None:
@@ -255,7 +255,7 @@ def constants(effect: EffectRecord) -> tuple[str, ...]:
 
 
 def _times(weight: float, basis: str) -> str:
-    """Return a basis function times its weight, with a sum in parentheses: `0.45·(temperature − 20)`."""
+    """Write a basis function times its weight, with a sum in parentheses: `0.45·(temperature − 20)`."""
     if weight == 1.0:
         return basis
     factor = "\N{MINUS SIGN}" if weight == -1.0 else f"{wording.minus(wording.significant(weight, 3))}·"
@@ -263,7 +263,7 @@ def _times(weight: float, basis: str) -> str:
 
 
 def input_tests(histogram: Histogram) -> Iterator[str]:
-    """State the results of the tests of count and strength for the most referenced inputs."""
+    """State the test results for the inputs that most evolved programs contain: count and strength."""
     runs, shuffled_runs = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
     if not runs:
         return
@@ -286,7 +286,7 @@ def input_tests(histogram: Histogram) -> Iterator[str]:
 
 
 def rms_removed(gain: float) -> float:
-    """Return the share of the RMS that is removed with a share `gain` of the sum of squares."""
+    """Return the relative decrease of an RMS error if the sum of squares decreases by the share `gain`."""
     return 1.0 - math.sqrt(max(0.0, 1.0 - gain))
 
 
@@ -294,7 +294,7 @@ TOO_FEW = "too few runs to tell"
 
 
 def significant_inputs(histogram: Histogram) -> str:
-    """State the significant inputs of a histogram; without significant inputs, state whether there were enough runs.
+    """State the significant inputs of evolved programs, or whether there were enough runs for any to be significant.
     If all R runs and none of the S runs on permuted residuals reference one of I inputs, its p-value is I / C(R + S,
     R)."""
     if histogram.significant:
@@ -305,7 +305,7 @@ def significant_inputs(histogram: Histogram) -> str:
 
 
 def operators(histogram: Histogram) -> list[tuple[str, ...]]:
-    """Return a table of the number of best programs that use each operator, by representation, the most used first."""
+    """Count the best evolved programs that use each operator, by representation, the most used operator first."""
     used = {name for counts in histogram.operators.values() for name in counts}
     rows = [(name, *(str(counts.get(name, 0)) for counts in histogram.operators.values())) for name in sorted(used)]
     return [("operator", *histogram.operators), *sorted(rows, key=lambda row: -sum(map(int, row[1:])))]
@@ -359,5 +359,5 @@ def lowers(candidate: CandidateRecord) -> str:
 
 
 def deciding(number: int) -> str:
-    """Return the command that selects poses for a decision on the rejected candidate with the given number."""
+    """Return the command that selects poses to decide on the rejected candidate with the given number."""
     return f"gpmodel poses --after RESULT --rejected {number}"

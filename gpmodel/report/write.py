@@ -16,7 +16,7 @@ def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
 
 
 def write_pages(report: Report, drawings: Mapping[str, str], folder: Path) -> tuple[Path, ...]:
-    """Write the pages into a folder with existing figures/. drawings: SVG of every picture by name."""
+    """Write the pages of a report into a folder with pictures in figures/. drawings: SVG of every picture by name."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {page.PAGE: page.html(report, drawings), saved.NAME: saved.to_json(report), poses.CSV: poses.csv(report)}
     if explore.drawable(report):

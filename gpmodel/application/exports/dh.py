@@ -4,7 +4,7 @@
 
 beta is zero except between nearly parallel axes, whose common normal is ill-defined. The row of nearly parallel axes
 follows the plane perpendicular to the first axis to its intersection with the second. A format with four columns has no
-beta, so that nearly parallel axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
+beta and cannot express nearly parallel axes. Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,19 +25,20 @@ from gpmodel.numerics import se3
 Convention = Literal["standard", "modified"]
 
 NEARLY_PARALLEL = np.radians(1.0)
-"""Angle between axes, rad, below which beta is used. Below the angle an error of 0.1 mrad moves the common normal of
-axes a metre apart by more than 6 mm."""
+"""Angle between axes, rad, below which the DH parameter beta is used. Below this angle an error of 0.1 mrad moves the
+common normal of axes a metre apart by more than 6 mm."""
 FAR = 10.0
-"""Largest distance of the common normal from the axes, m. At 10 m, 1 µm at the tool needs angles with six decimals of a
-degree, the usual format of tables. At 5 m some arms of 3 m are refused; at 20 m seven decimals are needed."""
+"""Largest distance of two axes' common normal from their frames, m. At 10 m, 1 µm at the tool needs angles with six
+decimals of a degree, the usual format of tables. At 5 m some arms of 3 m are refused; at 20 m seven decimals are
+needed."""
 ALONGSIDE = np.radians(45.0)
 """Angle between two axes, rad, above which a distant common normal is caused by a long rail and accepted."""
 
 
 @dataclass(frozen=True)
 class Across:
-    """Transform from one axis to the next: Rz(turn) Tz(slide) Rx(alpha) Tx(a) Ry(beta) Rz(next_turn) Tz(next_slide),
-    rad, m."""
+    """Transform from one joint axis to the next: Rz(turn) Tz(slide) Rx(alpha) Tx(a) Ry(beta) Rz(next_turn)
+    Tz(next_slide), rad, m."""
 
     turn: float = 0.0
     slide: float = 0.0
@@ -51,8 +52,7 @@ class Across:
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
     """Decompose a transform (4, 4) between two frames, each with its axis along z.
 
-    parallel: angle between the axes, rad, below which beta is used. beta is also used if the common normal is beyond
-    FAR.
+    parallel: angle between the axes, rad, below which beta is used. It is also used if the common normal is beyond FAR.
     """
     angle = tilt(frame)
     found = _hayati(frame) if angle < parallel else _normal(frame)
@@ -93,7 +93,7 @@ def _normal(frame: Array) -> Across:
 
 
 def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], convention: Convention, note: str) -> str:
-    """Write a chain with constant error twists, m and rad, by slot (frame), as DH rows in TOML. note: first comment.
+    """Write a chain with constant error twists, m and rad, by frame (slot), as DH rows in TOML. note: first comment.
 
     Raises InputError if a joint drives its motion by a factor other than 1 or -1, or drives two motions.
     """
@@ -119,8 +119,8 @@ def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], con
 
 
 def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Array], Array]:
-    """Return the constant transforms before the first motion, between motions and after the last, with all axes along
-    z."""
+    """Return the constant transforms before the first joint motion, between motions and after the last, with all axes
+    along z."""
     fixed, pending = [], np.eye(4)
     for slot, frame, axis in zip(chain.slots, chain.fixed, chain.axes, strict=True):
         pending = pending @ frame
@@ -134,7 +134,7 @@ def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Arra
 
 
 def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list[tuple[int, int, float]]]:
-    """Return the sign of the motion of every joint, and the couplings (joint, leading joint, factor)."""
+    """Return the sign of the motion of every joint, and the couplings between joints (joint, leading joint, factor)."""
     weights = chain.weights[list(chain.moving)]
     if weights.shape != (len(joints), len(joints)) or not np.isin(np.diag(weights), (-1.0, 1.0)).all():
         raise InputError(
@@ -171,7 +171,7 @@ def _degrees(angle: float) -> str:
 
 
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
-    """Write a chain with constant error twists, m and rad, by slot (frame), as CSV for RoboDK. note: first comment.
+    """Write a chain with constant error twists, m and rad, by frame (slot), as CSV for RoboDK. note: first comment.
 
     Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sign is added.
     Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in

@@ -1,6 +1,6 @@
-"""Forward model as data, for generating source code: chain of motions, error terms, gravity loads.
+"""Forward kinematics with errors as data for generated source code: chain of motions, error terms, gravity loads.
 
-Gravity loads are arithmetic with two functions that every exported source defines.
+Gravity loads are arithmetic expressions of two functions that every exported source defines.
 
     load(frames, slot, axis, weights)       component of the wrench that bodies at and beyond a slot exert at its origin
     couple(frames, at, side, slot, axis)    component of the couple of 1 kg·m along an axis of the frame `at`
@@ -28,7 +28,7 @@ from gpmodel.model.states import measured_torques
 from gpmodel.numerics import se3
 
 PROBES = 8
-"""Random poses at which the exported chain is compared with the mechanism."""
+"""Number of random poses at which the exported chain is compared with the mechanism."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Chain:
     """Serial chain of frames T_s(q) = fixed_s · motion along or about axis_s by weights_s · q, q the joint values.
 
     slots: names of the frames s. fixed: constant transforms, m. axes: one of AXES, or "" for a frame without motion.
-    weights: factor of each joint value of the table in the motion of a frame.
+    weights: factors of the table's joint values in the motion of each frame.
     """
 
     slots: tuple[str, ...]
@@ -99,7 +99,7 @@ def arm_of(mechanism: Mechanism, tip: str) -> Chain:
 
 
 def chain_of(mechanism: Mechanism) -> Chain:
-    """Return the chain of a mechanism.
+    """Return the serial chain of frames of a mechanism.
 
     Raises InputError for several arms, closed loops, or a slot (frame) that moves about more than one axis.
     """
@@ -132,7 +132,7 @@ _TORQUE = re.compile(r"torque_(?P<joint>\w+)$")
 
 @dataclass(frozen=True)
 class Body:
-    """A mass, kg, and its centre of mass, m, in the frame of a slot of the chain."""
+    """A mass, kg, and its centre of mass, m, in a frame (slot) of the chain."""
 
     slot: int
     mass: float
@@ -148,7 +148,7 @@ class Loads:
     bodies: tuple[Body, ...]
 
     def text(self, name: str) -> str:
-        """Return the source of the named load; raise InputError for an unknown name or unknown masses of the arm."""
+        """Return the source text of a gravity load by name; raise InputError for an unknown name or unknown masses."""
         try:
             return self._text(name)
         except ValueError:
@@ -180,7 +180,7 @@ class Loads:
         return _sum(parts)
 
     def _drive(self, joint: str) -> list[tuple[float, int, int]]:
-        """Return weight, slot (frame) and axis of every motion that a joint drives, by number."""
+        """Return weight, frame (slot) and axis of every motion that a joint drives, by number of the joint."""
         drive = next((j.drive for j in self.mechanism.joints if j.name == joint), ())
         return [(float(w), self.chain.slots.index(slot), AXES.index(axis)) for slot, axis, w in drive]
 
@@ -198,7 +198,7 @@ def _sum(parts: list[str]) -> str:
 
 @dataclass(frozen=True)
 class Line:
-    """A term, coefficient times basis function, of an error twist along an axis of a slot (frame)."""
+    """One term of an error twist: coefficient times basis function, along an axis of a frame (slot)."""
 
     slot: int
     axis: int
@@ -228,7 +228,7 @@ class Forward:
 
 
 def forward_of(saved: SavedModel, place: Place) -> Forward:
-    """Return the forward model of `predict`, without effects that text cannot express at the end of the session.
+    """Return the forward model of `predict` at the end of the session, without effects that text cannot express.
 
     If the mechanism has several arms, the forward model is that of the arm with the tool of `place`. Raises InputError
     for a mechanism that is not a serial chain, or a load with unknown masses.
@@ -260,7 +260,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
 
 
 def _written(basis: Basis) -> Basis | None:
-    """Return a basis function as source text can express it; a function of the session becomes a number, or None."""
+    """Return a basis function that source text can express; a function of time and row becomes a number, or None."""
     last = basis.basis if isinstance(basis, Clamped) else basis
     if not isinstance(last, Ended):
         return basis

@@ -21,35 +21,35 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
 
 NODES = 5
-"""Number of nodes along each side of the box. The interpolation error falls with the square of the number."""
+"""Number of nodes along each side of the lookup table. The interpolation error falls with the number's square."""
 
 MOST_NODES = 100
-"""Largest number of nodes along a side. A million corrections exceed the memory of every controller and take an hour of
-computing."""
+"""Largest number of nodes along a side of the lookup table. A million corrections exceed the memory of every controller
+and take an hour of computing."""
 
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
-"""Half sides of the trial boxes, if no box is given, relative to the spread of the measured points. Each box has three
-times the volume of the preceding box; the last box is half as wide as the workspace."""
+"""Half sides of trial boxes of a lookup table, if none is given, relative to the spread of the measured points. Each
+box has three times the volume of the preceding box; the last box is half as wide as the workspace."""
 
 PROBES, LEFT = 3, 0.2
 """Nodes along each side of a trial box, and largest accepted error between nodes, relative to the uncorrected error.
-With NODES nodes the error is a quarter of the error with PROBES nodes."""
+With NODES nodes the interpolation error is a quarter of that with PROBES nodes."""
 
 NEAR, STEPS = 20, 5
-"""Number of measured poses near the middle at which the grid may start; steps of inverse kinematics between nodes."""
+"""Number of measured poses near the middle of the box at which inverse kinematics may start; steps between nodes."""
 
 TRIED = 5
-"""Number of measured poses around which a box is tried; the pose farthest from singular is first."""
+"""Number of measured poses around which a box of the lookup table is tried, the pose farthest from singular first."""
 
 CHECKS, TRIALS = 1000, 200
-"""Number of random points at which the interpolation is evaluated: in the exported grid, and in a trial box."""
+"""Number of random points at which the interpolation error is evaluated: in the exported table, and in a trial box."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Lookup table. text: content of the file. error: m, distance of the real tool from random commanded points of
-    the box with interpolated correction; before: without correction. reached: share of nodes with a correction. state:
-    payload and further inputs at which the corrections hold."""
+    """Lookup table. text: content of the file. error: distance, m, of the real tool from random commanded points of the
+    box with interpolated correction; before: distance without correction. reached: share of nodes with a correction.
+    state: payload and further inputs at which the corrections hold."""
 
     text: str
     error: Array
@@ -62,7 +62,7 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
     """Return joint corrections on a grid of `count` nodes along each side of `box`, its corners in m in the root frame.
 
     Orientation and arm configuration are those of the measured pose near the middle that is farthest from singular.
-    Without a box, the largest cube of SIZES about a measured pose is used in which all points are reached and
+    Without a box, the table covers the largest cube of SIZES about a measured pose in which all points can be
     corrected. Corrections are interpolated linearly between nodes. Raises InputError if no node, or no point between
     nodes, can be reached.
     """
@@ -99,7 +99,7 @@ def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, pa
 
 
 def _state(held: "_Held") -> str:
-    """Return the payload and the further inputs of the model at which the corrections hold; empty without any."""
+    """Return the payload and further inputs at which the joint corrections hold; empty without any."""
     near, units = held.near, held.saved.input_units
     loads = [f"payload {near.payload[0]:g} kg"] if near.payload_given else []
     return ", ".join([*loads, *(f"{name} {near.extras[name][0]:g} {units[name]}" for name in units)])
@@ -127,7 +127,7 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Return True if all points of a cube are reachable in one configuration, with errors reduced to LEFT."""
+    """Return whether all points of a cube are reachable in one arm configuration, with errors reduced to LEFT."""
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
@@ -147,15 +147,15 @@ def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: 
 
 @dataclass(frozen=True)
 class _Held:
-    """Orientation `frame` and arm configuration of a measured pose `near`, kept at other points."""
+    """Orientation `frame` and arm configuration of a measured pose `near`, kept at all points of the lookup table."""
 
     saved: SavedModel
     near: Dataset
     frame: Array
 
     def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
-        """Return the target poses at points, m. q: initial joint values; None for the joint values of the measured
-        pose."""
+        """Return target poses of the tool at points, m. q: initial joint values; None for the joint values of the
+        measured pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
         frames[:, :3, 3] = points
@@ -165,7 +165,7 @@ class _Held:
     def nominal(self, points: Array) -> Array:
         """Return nominal joint values at points, m, NaN if unreachable.
 
-        Points are approached on straight lines from the measured pose, which keeps the arm configuration.
+        Points are approached on straight lines from the measured pose, so that the arm configuration is kept.
         """
         q = np.array(self.targets(points).dataset.q)
         for part in np.arange(1, STEPS + 1) / STEPS:

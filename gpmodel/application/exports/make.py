@@ -34,14 +34,14 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Unmeasured poses, and their points, m, as `predict` computes them."""
+    """Unmeasured poses, and their tool points, m, as computed by `gpmodel predict`."""
 
     dataset: Dataset
     points: Array
 
     @classmethod
     def of(cls, saved: SavedModel, dataset: Dataset) -> "PredictedPoints":
-        """Predict the points without errors of the instrument and of the session."""
+        """Predict the tool points without errors of the instrument and of the measurement session."""
         kept = at_end(usable(saved))
         poses = prepare(saved.mechanism, replace(dataset, observations=()))
         return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
@@ -54,7 +54,7 @@ class PredictedPoints:
 
 @dataclass(frozen=True)
 class Check:
-    """Predicted points, and the inputs of a forward model at their poses."""
+    """Predicted tool points, and the inputs of an exported forward model at their poses."""
 
     forward: Forward
     predicted: PredictedPoints
@@ -62,7 +62,7 @@ class Check:
 
     @classmethod
     def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
-        """Predict the points of a dataset and collect the inputs. Raises InputError if no forward model exists."""
+        """Predict the tool points of a dataset and collect the inputs. Raises InputError if no forward model exists."""
         forward, states = forward_of(saved, place), prepare(saved.mechanism, dataset).states
         columns = [dataset.payload if n == "payload" else states[n] for n in forward.inputs]
         return cls(forward, PredictedPoints.of(saved, dataset), np.column_stack(columns))
@@ -73,14 +73,14 @@ DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh
 OF_URDF = (
     "exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml", "exports/robodk.csv"
 )  # fmt: skip
-"""Files with the geometry of calibrated.urdf in other formats."""
+"""Exported files with the geometry of calibrated.urdf in other formats."""
 HEADER = "declarations of model.c, for C and C++"
 POSES = 1000
-"""Number of poses at which an export is compared with `predict`. The RMS is known to 2 %, 1 / √(2·1000)."""
+"""Number of poses at which an export is compared with `predict`. The RMS difference is known to 2 %, 1 / √(2·1000)."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
 """Patterns of the results that the self-test of a C file prints."""
 CASES = 20
-"""Number of poses written into the C file as test cases."""
+"""Number of poses written into the exported C file as test cases."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Export:
 
     file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
     missing: effects that the file cannot express. notes: notes on joint values and on the state of the machine. Errors
-    that were not computed are NaN.
+    are NaN if not computed.
     """
 
     file: str
@@ -104,7 +104,7 @@ class Export:
 
 @dataclass(frozen=True)
 class Exports:
-    """files: exported files. refused: reason by name of each file that could not be made."""
+    """The exported files of a model. refused: reason by name of each file that could not be made."""
 
     files: tuple[Export, ...]
     refused: Mapping[str, str]
@@ -113,7 +113,7 @@ class Exports:
 def exports_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> Exports:
-    """Return all exported files of a model. place: set-up and tool for formats that contain only one set-up and tool.
+    """Return all exported files of a model. place: set-up and tool for formats that contain only one of each.
 
     box, nodes: limits and nodes of the lookup grid. Raises InputError if an effect is undefined at a fitted pose.
     """
@@ -123,13 +123,13 @@ def exports_of(
 def parts_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> list[Callable[[], Exports]]:
-    """Return the exports as functions that can run in parallel; one function makes all files that share a fit or a
-    source."""
+    """Return the exports as functions to run in parallel; one function makes all files that share a fit or a source
+    text."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
 
     def fresh() -> Dataset:
-        """Return equal unmeasured poses on every call, because several parallel parts call the function."""
+        """Return unmeasured poses, equal on every call, because several parallel exports call the function."""
         return fresh_poses(saved, POSES, np.random.default_rng(seed))
 
     check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
@@ -159,14 +159,14 @@ def parts_of(
 
 
 def merged(parts: Iterable[Exports]) -> Exports:
-    """Merge the exports of all parts."""
+    """Merge the exported files of all parallel parts."""
     every = tuple(parts)
     made = chain.from_iterable(part.files for part in every)
     return Exports(tuple(made), {file: why for part in every for file, why in part.refused.items()})
 
 
 def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> Exports:
-    """Make the files that the model allows, and collect the reasons for the refused files."""
+    """Make the export files that the model allows, and collect the reasons for refused files."""
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -194,20 +194,20 @@ def _dh(file: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
 
 
 def of_urdf(file: str, rigid: Rigid, urdf: str, predicted: PredictedPoints) -> Export:
-    """Return one of the files OF_URDF, derived from the refitted geometry and its URDF."""
+    """Return one export file derived from the refitted geometry and its URDF."""
     text, what = _beside(file, rigid, urdf)
     return _geometry(file, what, text, rigid, predicted)
 
 
 def _geometry(file: str, what: str, text: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
-    """Return a file of the refitted geometry, with errors computed from the text of the file."""
+    """Return an export file of the refitted geometry, with errors computed from the text of the file."""
     errors = predicted.errors(points_read(file, text, rigid, predicted.dataset))
     heldout, said = root_mean_square(rigid.heldout), follows(rigid.mechanism, file)
     return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing, said)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
-    """Return text and description of a file derived from a URDF."""
+    """Return text and description of an export file derived from a URDF."""
     mechanism, (nominal, link) = rigid.mechanism, written(rigid.mechanism, {})
     if file == "exports/robodk.csv":
         note = note_of(rigid, file, "the last frame")
@@ -238,7 +238,7 @@ def _latex(file: str, check: Check) -> Export:
 
 
 def _executed(forward: Forward, check: Check) -> Array:
-    """Return the points, m, that the NumPy source of a forward model predicts; the source is run without names from the
+    """Return the tool points, m, that the exported NumPy source predicts; the source is run without names from the
     table."""
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)

@@ -26,13 +26,13 @@ Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 
 AXES = 6
-"""Number of robot axes in RAPID and KRL; further axes are external axes."""
+"""Number of robot axes in RAPID and KRL programs; further axes are external axes."""
 NAME = 24
 """Number of characters of the longest name in KRL. RAPID allows names of 32 characters."""
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
-    """Write targets corrected by `compensate` as a program; j1 and p1 are row 1. Rows without values become comments.
+    """Write compensated targets as a robot program; j1 and p1 are row 1. Rows without values become comments.
 
     Raises InputError for another mechanism's joints, more than six joints, or if no row has corrected values.
     """
@@ -55,7 +55,7 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
 
 
 def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
-    """State the differences between the program text, read back, and the joint values, rad or m, and frames."""
+    """State the differences between a robot program, read back, and the joint values, rad or m, and frames."""
     joints, frames = program_read(text)
     values = np.array(list(joints.values()))[:, : len(scales)] / scales
     nominal, found = se3.chain(mechanism.transforms(values))[-1], np.array([frames[row] for row in joints])

@@ -3,7 +3,7 @@
     p = T_registration T_link(q) p_tool,   T_link and p_tool from the text
 
 URDF and DH rows are read by the mechanism loaders, robot_calibration's offsets by the importer, and YAML and RoboDK's
-table by the functions of this module. The readers share no code with the writers.
+table by the functions of this module. The readers of exported files share no code with the writers.
 """
 
 import csv
@@ -26,12 +26,12 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.of_programs import calibrated_urdf
 
 Origins = dict[str, tuple[float, ...]]
-"""Origins x, y, z, m, and roll, pitch, yaw, rad, by the name of a row."""
+"""Origins of joints: x, y, z, m, and roll, pitch, yaw, rad, by the name of a row."""
 _TOOL = re.compile(r"Tool point.* in (?P<link>.*), mm: (?P<point>.*)\.$", re.M)
 
 
 def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
-    """Return the tool points in the instrument's frame, m, read from an export, at the joint values of a dataset.
+    """Compute tool points in the instrument's frame, m, from an exported file at the joint values of a dataset.
 
     rigid: refitted geometry, of which only registration, tool names and nominal mechanism are used.
     """
@@ -52,7 +52,7 @@ def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
 
 
 def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array]) -> Array:
-    """Return the frame of a link in the root frame, m, at joint values q, read from an export."""
+    """Compute the frame of a link in the root frame, m, at joint values q, from an exported file."""
     suffix, nominal = Path(file).suffix, written(rigid.mechanism, {})[0] if file.endswith(".yaml") else ""
     match Path(file).name:
         case "robodk.csv":
@@ -80,7 +80,7 @@ def _with_offsets(nominal: str, text: str) -> str:
 
 
 def _origins(text: str) -> Origins:
-    """Read the rows of a YAML file of origins, with one number per line below the name of the row."""
+    """Read the rows of a YAML file of joint origins, with one number per line below the name of the row."""
     rows: dict[str, list[float]] = {}
     for name, value in re.findall(r"^ +(.+?): *([-+.\deE]*)$", text, re.M):
         if not value:
@@ -91,7 +91,7 @@ def _origins(text: str) -> Origins:
 
 
 def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
-    """Return a nominal URDF with replaced origins. ur: True if rows are named by UR's links, False for joint names."""
+    """Return a nominal URDF with replaced joint origins. ur: True if rows are named by UR's links, else by joints."""
     robot = ET.fromstring(nominal)
     for joint in robot.findall("joint"):
         child = "" if (link := joint.find("child")) is None else link.get("link", "")

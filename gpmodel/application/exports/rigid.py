@@ -1,4 +1,4 @@
-"""Refit the geometry without effects that a rigid description cannot express, and write it as URDF."""
+"""Refit the geometry without effects that a rigid-body description cannot express, and write it as URDF."""
 
 import re
 import tempfile
@@ -35,7 +35,7 @@ class Rigid:
     """Refitted geometry of a mechanism.
 
     placement: registration and tool at the end of the session.
-    twists: constant error twist, m and rad, of every slot (frame) that has one.
+    twists: constant error twist, m and rad, by frame (slot).
     heldout: 3-D errors on held-out rows, without outliers of the model, m.
     missing: omitted effects, with the names of the fitted table.
     tips: with several arms, the measured link of each tool.
@@ -52,7 +52,7 @@ class Rigid:
 def refitted(saved: SavedModel) -> Rigid:
     """Refit the geometric constants of the model to its table, without the other effects of the mechanism.
 
-    Values are kept if the mechanism has no other effects, or if the constants were fitted separately from undeclared
+    Constants are not refitted if the mechanism has no other effects, or if they were fitted separately from undeclared
     effects. Effects of the instrument and of the session stay in the fit, so that the geometry does not absorb them.
     Raises InputError if the model contains no table, or for a fit that fails.
     """
@@ -70,7 +70,7 @@ def refitted(saved: SavedModel) -> Rigid:
 
 
 def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
-    """Return the 3-D errors on held-out poses, m; if no poses were held out, of each pose by a fit without its fold.
+    """Return the 3-D errors on held-out poses, m, or, if none were held out, of each pose by a fit without its fold.
 
     The outliers of the saved model are excluded, as in all errors of the report.
     """
@@ -94,7 +94,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
 
 
 def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
-    """Return the constant error twists by slot (frame), m and rad. one: a pose, which may be any pose."""
+    """Return the constant error twists by frame (slot), m and rad. one: any single pose."""
     out: dict[str, Array] = {}
     for effect, value in zip(fitted.model.effects, fitted.theta.tolist(), strict=True):
         if effect.constant and value != 0.0:
@@ -106,7 +106,7 @@ def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
 
 URDF = "calibrated.urdf"
 LINK = "Measured link: "
-"""Prefix of the comment that names the link of the tool point."""
+"""Prefix of the comment in a URDF that names the link of the tool point."""
 
 
 def urdf_text(rigid: Rigid, note: str) -> str:
@@ -134,12 +134,12 @@ def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str
 
 
 def measured_link(text: str) -> str:
-    """Return the measured link named in a text of `urdf_text`."""
+    """Return the name of the measured link from the text of an exported URDF."""
     return text.partition(LINK)[2].partition("\n")[0]
 
 
 def follows(mechanism: Mechanism, file: str) -> tuple[str, ...]:
-    """Describe how a file expresses each joint that several values of the controller move."""
+    """Describe how an exported file expresses each joint that several values of the controller move."""
     out = []
     for name, factors in coupled(mechanism).items():
         own, *others = factors
@@ -163,7 +163,7 @@ def _times(factor: float) -> str:
 
 
 def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
-    """State the contents, the error and the omissions of the geometry, as comment lines for the head of a file.
+    """State contents, error and omissions of exported geometry, as comment lines for the head of a file.
 
     link: link of the tool point; for several arms all links, separated by commas.
     at: pose of the measured link in the frame of `link`, m, by name; empty if `link` is the measured link.

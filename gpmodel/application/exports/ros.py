@@ -23,7 +23,7 @@ UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 
 @dataclass(frozen=True)
 class JointOrigin:
-    """Joint of a URDF. frame: pose of its origin on the parent link, m. axis: direction of motion."""
+    """Joint of a URDF. frame: pose (4, 4) of its origin on the parent link, m. axis: direction of motion."""
 
     name: str
     kind: str
@@ -41,7 +41,7 @@ def origins(text: str) -> dict[str, JointOrigin]:
 def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
     """Write the calibrated origin of every joint of a nominal URDF as YAML: x, y, z, m, and roll, pitch, yaw, rad.
 
-    The six numbers are the values of `<origin xyz rpy>` in a xacro. note: first comment.
+    The six numbers are the values of `<origin xyz rpy>` in a xacro file. note: first comment.
     """
     use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
     lines = [*commented(note), f"# In xacro: {use} and so on.", "kinematics:"]
@@ -53,7 +53,7 @@ def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
 def offsets_text(nominal: str, calibrated: str, note: str) -> str:
     """Write robot_calibration's offsets of every joint whose origin changed: origin = nominal · offset.
 
-    Offsets are NAME_x .. NAME_z, m, and the rotation vector NAME_a .. NAME_c, rad.
+    The offsets of a joint are NAME_x .. NAME_z, m, and the rotation vector NAME_a .. NAME_c, rad.
     """
     before, lines = origins(nominal), commented(note)
     for name, after in origins(calibrated).items():

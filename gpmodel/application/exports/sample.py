@@ -1,4 +1,4 @@
-"""Unmeasured poses within the measured ranges, for evaluating exports."""
+"""Unmeasured poses within the measured ranges, for computing the errors of exported files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def measured_table(saved: SavedModel) -> Dataset:
-    """Return the table of the fit, matched to the model; raise InputError if the model does not contain a table."""
+    """Return the table to which a model was fitted; raise InputError if the model does not contain the table."""
     if saved.measured is None:
         raise InputError("model: the file does not contain the table of the fit; run calibrate or discover again")
     return with_memory_columns(saved, with_model_labels(saved, saved.measured.dataset))
@@ -23,7 +23,7 @@ def measured_table(saved: SavedModel) -> Dataset:
 
 @dataclass(frozen=True)
 class Place:
-    """Set-up and tool of an export. tip: with several arms, the measured link of the tool; empty for several links."""
+    """Set-up and tool of an exported file. tip: with several arms, the measured link of the tool; else empty."""
 
     setup: str
     tool: str
@@ -31,20 +31,20 @@ class Place:
 
     @classmethod
     def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
-        """Return the named set-up and tool, the first of the model for None; raise InputError for an unknown name."""
+        """Return the set-up and tool with given names, by default the first; raise InputError for an unknown name."""
         placed = saved.placement
         chosen = _named(placed.tool, tool, "tool")
         return cls(_named(placed.registration, setup, "setup"), chosen, tips_of(saved).get(chosen, ""))
 
     def poses(self, data: Dataset) -> Dataset:
-        """Return the dataset with all rows labelled by the set-up and the tool."""
+        """Return a dataset with all rows labelled by the export's set-up and tool."""
         here = {"setup": np.full(len(data), self.setup), "tool": np.full(len(data), self.tool)}
         if self.tip:
             here["tip"] = np.full(len(data), self.tip)
         return replace(data, labels={**data.labels, **here})
 
     def label(self, saved: SavedModel) -> str:
-        """Name the set-up and tool in a sentence; empty if the model has one set-up and one tool."""
+        """Name set-up and tool of an export in a sentence; empty if the model has one set-up and one tool."""
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
         return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
@@ -75,7 +75,7 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:
     """Draw `count` poses, with joint values uniform over the measured ranges and other inputs of random rows.
 
-    The result has fewer poses if loops do not close with the fitted errors. Raises InputError without a measured table.
+    Poses are left out if loops do not close with the fitted errors. Raises InputError without a measured table.
     """
     data = measured_table(saved)
     q = drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng)

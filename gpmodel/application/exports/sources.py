@@ -25,7 +25,7 @@ _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), 
 
 
 def numpy_text(forward: Forward, note: str) -> str:
-    """Return the source of a Python module with predict(q, **inputs)."""
+    """Write the source of a Python module with a function predict(q, **inputs)."""
     weighs = [f"{name} = [{', '.join(of)}]" for name, of in _weights(forward, "np.ones(len(q))", "np.zeros(len(q))")]
     lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
     lines += [f"s_{n} = inputs[{called!r}]" for n, called in zip(forward.inputs, input_names(forward), strict=True)]
@@ -42,7 +42,7 @@ def numpy_text(forward: Forward, note: str) -> str:
 
 
 def c_text(forward: Forward, note: str, cases: Array) -> str:
-    """Return the source of a C99 file with gpmodel_predict and gpmodel_compensate.
+    """Write the source of a C99 file with the functions gpmodel_predict and gpmodel_compensate.
 
     cases: joint values, inputs and predicted point of each test pose, one row a pose, for the self-test of the file.
     """
@@ -67,7 +67,7 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
 
 
 def header_text(forward: Forward, note: str) -> str:
-    """Return the declarations of `c_text`, for C and C++."""
+    """Write the header file of the exported C source, for C and C++."""
     return _filled("model.h.txt", _said(forward, note))
 
 
@@ -88,7 +88,7 @@ def nameless(forward: Forward) -> Forward:
 
 
 def latex_text(forward: Forward) -> str:
-    """Write one equation for each component of an error twist, m or rad, to DIGITS digits; common terms first."""
+    """Write LaTeX equations, one per component of an error twist, m or rad, to DIGITS digits; common terms first."""
     places, program = equations(forward)
     names = forward.saved.names
     parts, outputs = latex_lines(program, names)
@@ -100,7 +100,7 @@ def latex_text(forward: Forward) -> str:
 
 
 def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
-    """Return the slots (frames) and axes with an error twist, and a program with one output for each, m or rad."""
+    """Return the frames (slots) and axes with an error twist, and a program with one output for each, m or rad."""
     builder, sums = Builder(), dict[tuple[int, int], int]()
     for line in forward.lines:
         basis = Expression(str(line.basis)).program
@@ -113,7 +113,7 @@ def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
 
 
 def to_the_digits(forward: Forward) -> Forward:
-    """Return the model with the rounded numbers of `latex_text`."""
+    """Return the model with coefficients rounded to the digits of the LaTeX equations."""
     places, program = equations(forward)
     printed = as_in_latex(program)
     lines = (Line(slot, axis, 1.0, Expression(str(printed.select([k])))) for k, (slot, axis) in enumerate(places))
@@ -141,7 +141,7 @@ def _defaults(forward: Forward) -> dict[str, float]:
 
 
 def input_names(forward: Forward) -> tuple[str, ...]:
-    """Return the names of the inputs other than joint values, as in the fitted table."""
+    """Return the names of the model's inputs other than joint values, as in the fitted table."""
     return tuple(translate(name, forward.saved.names) for name in forward.inputs)
 
 
@@ -160,7 +160,7 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
 def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
     """Yield the weights of the bodies in a gravity load, by name: for all bodies, and for each with a separate load.
 
-    The payload is the last body.
+    The payload is the last of the bodies.
     """
     every = [one] * (len(_bodies(forward)) - 1) + ["s_payload"]
     yield "weights", every
@@ -170,13 +170,13 @@ def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[
 
 
 def _placed(forward: Forward) -> tuple[list[list[float]], list[list[float]]]:
-    """Return registration and tool as nested lists."""
+    """Return the frames of registration and tool as nested lists for a template."""
     placed, at = forward.saved.placement, forward.place
     return placed.registration[at.setup].tolist(), placed.tool[at.tool].tolist()
 
 
 def _braces(value: object) -> str:
-    """Write a value as an initialiser of C."""
+    """Write a number or nested list as an initialiser of C."""
     return repr(value).replace("[", "{").replace("]", "}").replace("(", "{").replace(")", "}").replace("'", "")
 
 
