@@ -1,1 +1,1 @@
-"""Public functions and result classes of the package; `gpmodel` exports all of them."""
+"""Public functions and result classes of the package, all importable from `gpmodel`."""

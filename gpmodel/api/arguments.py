@@ -19,7 +19,7 @@ from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.table.units import parse_quantity
 
 NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
-"""Largest accepted noise, in SI units, above that of every instrument."""
+"""Largest accepted noise of an instrument, in SI units, above that of every instrument."""
 LONGEST_NAME = 255
 """Longest file or folder name, bytes, on Linux, Windows and macOS."""
 LARGEST_FLOAT = sys.float_info.max
@@ -29,14 +29,14 @@ Choice = TypeVar("Choice", bound=str)
 
 
 def brief(value: object) -> str:
-    """Write a value for a one-line message; a long value is replaced by its type."""
+    """Write a user's value for a one-line message; a long value is replaced by its type."""
     text = repr(value)
     return text if len(text) <= QUOTED and "\n" not in text else f"a {type(value).__name__}"
 
 
 @contextmanager
 def errors_about(argument: str) -> Iterator[None]:
-    """Attribute every InputError inside the context to the named argument."""
+    """Name the given argument in every InputError that is raised inside the context."""
     try:
         yield
     except InputError as error:
@@ -44,7 +44,7 @@ def errors_about(argument: str) -> Iterator[None]:
 
 
 def check_integer(value: object, argument: str, least: int = 0, most: float = math.inf) -> int:
-    """Return a whole number from `least` to `most`; raise InputError naming the argument otherwise."""
+    """Check that a value is a whole number from `least` to `most`; otherwise raise InputError naming the argument."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not least <= int(value) <= most:
         to = "up" if most == math.inf else f"to {most}"
         raise InputError(f"{brief(value)}, expected a whole number from {least} {to}", argument)
@@ -58,7 +58,7 @@ def _real(value: object) -> TypeGuard[float]:
 
 
 def check_share(value: object, argument: str, *, positive: bool = False) -> float:
-    """Return a share from 0 to below 1, above 0 if `positive`; raise InputError naming the argument otherwise."""
+    """Check that a value is a share from 0 (above 0 if `positive`) to below 1; otherwise raise InputError."""
     wanted = "above 0 and below 1" if positive else "from 0 to below 1"
     if not _real(value) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
         raise InputError(f"{brief(value)}, expected a share {wanted}, as in 0.3", argument)
@@ -66,12 +66,12 @@ def check_share(value: object, argument: str, *, positive: bool = False) -> floa
 
 
 def check_limit(value: object, argument: str, least: float) -> float | None:
-    """Return a finite number of at least `least`, or None; raise InputError naming the argument otherwise."""
+    """Check that a value is a finite number of at least `least`, or None; otherwise raise InputError."""
     return None if value is None else check_number(value, argument, least)
 
 
 def check_number(value: object, argument: str, least: float, most: float = math.inf) -> float:
-    """Return a finite number from `least` to `most`; raise InputError naming the argument otherwise."""
+    """Check that a value is a finite number from `least` to `most`; otherwise raise InputError naming the argument."""
     if not _real(value) or not least <= float(value) <= most:
         to = "up" if most == math.inf else f"to {most:g}"
         raise InputError(f"{brief(value)}, expected a finite number from {least:g} {to}", argument)
@@ -79,7 +79,7 @@ def check_number(value: object, argument: str, least: float, most: float = math.
 
 
 def check_choice(value: object, choices: Iterable[Choice], argument: str) -> Choice:
-    """Return one of the allowed words; raise InputError naming the argument otherwise."""
+    """Check that a value is one of the allowed words; otherwise raise InputError naming the argument."""
     known = tuple(choices)
     for choice in known:
         if isinstance(value, str) and value == choice:
@@ -88,15 +88,15 @@ def check_choice(value: object, choices: Iterable[Choice], argument: str) -> Cho
 
 
 def check_list(value: object, argument: str, example: str) -> tuple[object, ...]:
-    """Return the items of a list; raise InputError with the argument and an example otherwise, also for a
-    single text."""
+    """Check that a value is a list, and return its items; otherwise, also for a single text, raise InputError with an
+    example."""
     if isinstance(value, str) or not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not value.ndim):
         raise InputError(f"{brief(value)}, expected a list, as in {example}", argument)
     return tuple(value)
 
 
 def check_texts(value: object, argument: str, example: str) -> tuple[str, ...]:
-    """Return a list of texts; raise InputError with the argument and an example otherwise."""
+    """Check that a value is a list of texts; otherwise raise InputError with the argument and an example."""
     items = check_list(value, argument, example)
     for item in items:
         if not isinstance(item, str):
@@ -105,28 +105,28 @@ def check_texts(value: object, argument: str, example: str) -> tuple[str, ...]:
 
 
 def check_bool(value: object, argument: str) -> bool:
-    """Return True or False; raise InputError naming the argument otherwise."""
+    """Check that a value is True or False; otherwise raise InputError naming the argument."""
     if not isinstance(value, bool | np.bool):
         raise InputError(f"{brief(value)}, expected True or False", argument)
     return bool(value)
 
 
 def check_text(value: object, argument: str, what: str) -> str:
-    """Return a text; raise InputError with the argument and its expected content otherwise."""
+    """Check that a value is a text; otherwise raise InputError with the argument and its expected content."""
     if not isinstance(value, str):
         raise InputError(f"{brief(value)}, expected {what} as text", argument)
     return str(value)
 
 
 def check_function(value: object, argument: str) -> Callable[..., object]:
-    """Return a function; raise InputError naming the argument otherwise."""
+    """Check that a value is a function; otherwise raise InputError naming the argument."""
     if not callable(value):
         raise InputError(f"{brief(value)}, expected a function, as in print", argument)
     return value
 
 
 def file_path(value: object, argument: str) -> Path:
-    """Return a path of a file or folder; raise InputError naming the argument otherwise."""
+    """Check that a value is a path of a file or folder; otherwise raise InputError naming the argument."""
     if not isinstance(value, str | os.PathLike) or not str(value) or "\0" in str(value):
         raise InputError(f"{brief(value)}, expected a path", argument)
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in Path(value).parts):
@@ -141,8 +141,8 @@ def to_si(
     """Convert text with a unit, "0.03 mm", to SI.
 
     A bare number is accepted in SI units, but not for a length other than zero, which users nearly always mean in mm.
-    Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero if `positive`, or
-    above the `most` of its dimension.
+    Raises InputError naming the argument for a missing unit, another dimension, a value that is not finite, below
+    `least`, zero if `positive`, or above the `most` of its dimension.
     """
     if dimension == "length" and _real(value) and value != 0:
         raise InputError(f"{brief(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
@@ -157,7 +157,7 @@ def to_si(
 
 
 def to_point(value: object, argument: str) -> tuple[float, ...]:
-    """Return three lengths, m, from "0,0,120mm" or numbers in m; raise InputError naming the argument otherwise."""
+    """Convert "0,0,120mm" or three numbers in m to three lengths, m; otherwise raise InputError naming the argument."""
     parts: tuple[object, ...]
     if isinstance(value, str):
         words = [word.strip() for word in value.split(",")]
@@ -178,7 +178,7 @@ def to_point(value: object, argument: str) -> tuple[float, ...]:
 
 
 def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:
-    """Return a box (2, 3), m, lowest corner first, from "800:1200,-200:200,300:700mm" or two points.
+    """Convert "800:1200,-200:200,300:700mm" or two points to the corners (2, 3) of a box, m, lowest corner first.
 
     Raises InputError naming the argument.
     """
@@ -208,12 +208,11 @@ def load_mechanism(
 ) -> LoadedMechanism:
     """Load a mechanism by name or from a file.
 
-    source: a built-in name (`irb6400r`, `ur5`, `spherical-joint`), a .urdf file, or a .toml file of DH rows or of a
-    joint.
+    source: built-in name (`irb6400r`, `ur5`, `spherical-joint`), .urdf file, or .toml file of DH rows or of a joint.
     payload: mass at the tool in every row of the table, "60 kg" or a number in kg.
     frame: name of the measured link; None for the last link.
     payload_com: centre of mass of the payload, "0,0,120mm" or (3,) m in the measured frame; None for the tool point,
-    which every fit determines.
+    which every calibration determines.
     Raises InputError for an unknown name, an invalid file, or a missing unit.
     """
     if not isinstance(source, str | Path):
@@ -226,7 +225,7 @@ def load_mechanism(
 
 
 def mechanism_of(given: MechanismLike | None) -> Mechanism:
-    """Return a mechanism from a Mechanism object, a name or a file; raise InputError otherwise."""
+    """Return the mechanism given as a Mechanism object, a name or a file; otherwise raise InputError."""
     if isinstance(given, str | Path):
         return load_mechanism(given)
     if not isinstance(given, Mechanism):

@@ -1,4 +1,4 @@
-"""Fit registration, the standard model and named effects, one after the other."""
+"""Calibrate a machine: fit registration, then the standard model, then named effects."""
 
 import time
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ COMMAND = "gpmodel.calibrate"
 
 @dataclass(frozen=True, repr=False)
 class CalibrationResult(FittedResult):
-    """Fits of registration, the standard model and each added effect; the last fit is repeated on all poses.
+    """Calibration of a machine: fits of registration, of the standard model and of each added effect.
 
     note: sentences added to the verdict of the report.
     """
@@ -65,7 +65,7 @@ class CalibrationResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """Content of report.json without the errors of exported files, which `export` adds."""
+        """Content of report.json without the errors of exported files, which the function `export` adds."""
         ladder = replace(self.calibrated, saved=self.model.saved)
         record = replace(from_calibration(ladder, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())
@@ -81,7 +81,7 @@ class CalibrationResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit of the model to all poses, and the dataset of the poses."""
+        """The fitted model with all standard errors, fitted to all poses, and the dataset of the poses."""
         return self.calibrated.final, self.calibrated.poses
 
     def __repr__(self) -> str:
@@ -102,15 +102,15 @@ def calibrate(
     joints: Sequence[str] = (),
     command: str = COMMAND,
 ) -> CalibrationResult:
-    """Fit registration, tool point, standard model and named effects together, and state the gain of each step.
+    """Fit registration, tool point, standard model and named effects, and state the errors after each step.
 
     mechanism, table: objects, or names and paths. effects: names in the catalogue ("base_compliance", "gear_harmonic
     J4"), expressions ("slot:axis:expression"), or Effect objects.
     standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: largest ratio of singular
-    values; None: cross-validated.
-    holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: seed of split and folds.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of instrument errors.
-    fleet: fleet.json of a fleet, or the record of a `FleetResult`; a prior that replaces the standard model.
+    values of fitted constants; None: cross-validated.
+    holdout: share of the poses excluded from all but the final fit; 0 for none. seed: random seed of held-out poses.
+    instrument: specification of the instrument, "15um + 6um/m": largest error of a coordinate.
+    fleet: fleet.json of a fleet, or the record of a `FleetResult`; its prior replaces the standard model.
     A machine that is unlike the fleet is fitted without the prior, with the effects of the fleet.
     joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of ball BALL.
     command: command line recorded in the report. Raises InputError for an invalid table, an unknown effect, or a
@@ -152,7 +152,7 @@ def calibrate(
 def _by_the_type(
     known: FleetPart, mechanism: Mechanism, poses: Poses, seen: Poses, unseen: Poses, seed: int
 ) -> tuple[tuple[Step, ...], Calibration, str]:
-    """Return the steps on `seen`, the fit to all poses, and a note, with the prior of the machine's type.
+    """Return the fits to the poses `seen`, the fit to all poses, and a note, all with the prior of the machine's type.
 
     If the machine is unlike its type, the effects of the type are fitted without the prior. Raises InputError if the
     poses are too few without the prior.
@@ -165,14 +165,14 @@ def _by_the_type(
 
 
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
-    """Return the fleet whose prior is used; raise InputError for another kind of file, or if effects are given too."""
+    """Return the record of the machine's type; raise InputError for another file, or if effects are given too."""
     if effects:
         raise InputError("the fleet already defines the effects; expected no further effects", "effects")
     return fleet_at(fleet, "fleet")
 
 
 def fleet_at(fleet: object, argument: str) -> FleetPart:
-    """Return the record of a fleet from a record, a file or a folder. Raises InputError for an unreadable file."""
+    """Return the record of machines of one type, given as record, file or folder. Raises InputError if unreadable."""
     return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 
@@ -216,7 +216,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:
-    """Return training rows and held-out rows; no row is held out if the held-out share `holdout` is 0."""
+    """Divide the rows of a table into training rows and held-out rows; none are held out if `holdout` is 0."""
     if holdout == 0.0:
         return np.arange(len(dataset)), np.zeros(0, dtype=np.int64)
     return hold_out(dataset, holdout, np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""Certificate of a result: machine, measurement and accuracy on one or two pages of A4."""
+"""Certificate of a calibration: machine, measurement and accuracy on one or two pages of A4."""
 
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -39,7 +39,7 @@ class CertificateResult(Shown):
 
     @cached_property
     def sheet(self) -> "Certificate":
-        """Content of the certificate, as text. Raises InputError if this installation lacks the report extra."""
+        """Content of the certificate, as text. Raises InputError if the packages of the extra `report` are missing."""
         with extra_for("a certificate", "report"):
             from gpmodel.report import certificate as of_report
             from gpmodel.report import verification_words as of_verification
@@ -66,7 +66,7 @@ class CertificateResult(Shown):
             write_text(draft / "certificate.html", html(sheet, self.record.mechanism.name))
 
     def save(self, file: str | Path) -> None:
-        """Write the certificate as JSON. Raises InputError if the file cannot be written."""
+        """Write the certificate to a JSON file. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.sheet)}))
 
     def __repr__(self) -> str:
@@ -97,7 +97,7 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    """Return the record to certify; raise InputError if its positions were computed, or if none were measured."""
+    """Return the report to certify; raise InputError if its positions were computed, or if none were measured."""
     verified = result.record if isinstance(result, VerifyResult) else None
     if isinstance(result, str | Path):
         verified = read_verification(file_path(result, "result"))

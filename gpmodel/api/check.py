@@ -1,4 +1,4 @@
-"""Check a measured table before any fit."""
+"""Check a measured table before calibration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,14 +25,14 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
 
 POSES = 40
-"""Number of random poses at which families are applied to a mechanism; at 40, all candidates of a family appear."""
+"""Number of random poses for which catalogue families create candidates; at 40, all candidates of a family appear."""
 
 INSTRUMENT_AT = (1.0, 3.5, -0.5)
-"""Root of the mechanism in the instrument's frame, m: a typical tracker position."""
+"""Assumed position of the robot's root in the instrument's frame, m: a typical set-up of a laser tracker."""
 
 
 def effects(mechanism: Mechanism) -> pd.DataFrame:
-    """List the families of the catalogue for a mechanism, one row per family.
+    """List the families of the effect catalogue for a mechanism, one row per family.
 
     Columns: family, explanation, source, number of candidates, inputs and name of the first candidate, and whether any
     candidate needs a payload. Candidates are created for random poses within the joint limits, with an instrument, a
@@ -72,7 +72,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
 
 @dataclass(frozen=True, repr=False)
 class CheckResult(Shown):
-    """Errors and warnings about a table. findings: list of them, errors first, each with `severity` and `text`."""
+    """Errors and warnings about a table. findings: errors, then warnings, each with `severity` and `text`."""
 
     _with_rows = False
     mechanism: str
@@ -87,7 +87,7 @@ class CheckResult(Shown):
 
     @property
     def unfit(self) -> tuple[str, ...]:
-        """Reasons why a fit to the table would be wrong; an empty list means that the table is fit for calibration."""
+        """Reasons why a calibration with the table would be wrong; empty if the table is fit for calibration."""
         return tuple(dict.fromkeys(f.unfit for f in self.findings if f.unfit))
 
     def refuse(self) -> None:
@@ -116,7 +116,7 @@ class CheckResult(Shown):
         return pd.DataFrame({"severity": [f.severity for f in self.findings], "text": [f.text for f in self.findings]})
 
     def to_json(self) -> str:
-        """Return the content of check.json."""
+        """Return the content of check.json, the file with errors and warnings about a table."""
         data = self.dataset
         return to_json(
             {
@@ -128,11 +128,11 @@ class CheckResult(Shown):
         )
 
     def save(self, file: str | Path) -> None:
-        """Write check.json. Raises InputError if the file cannot be written."""
+        """Write check.json, the errors and warnings about a table. Raises InputError if writing fails."""
         write_text(file_path(file, "file"), self.to_json())
 
     def report(self, folder: str | Path) -> None:
-        """Write check.json into `folder`. Raises InputError if the file cannot be written."""
+        """Write the errors and warnings as check.json into `folder`. Raises InputError if writing fails."""
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "check.json", self.to_json())
 
@@ -152,8 +152,8 @@ def check(
     """Check a table: wrong units or columns, unreachable poses, too few or similar poses, jumps, outliers.
 
     mechanism, table: objects, or names and paths.
-    standard: patterns of the geometric constants that would be fitted, such as "J* R?"; ("none",) for none.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate.
+    standard: patterns of the geometric constants to be fitted later, such as "J* R?"; ("none",) for none.
+    instrument: specification of the instrument, "15um + 6um/m": largest error of a coordinate.
     progress: called with progress messages.
     command: command line, recorded in check.json.
     Raises InputError if the table cannot be read.

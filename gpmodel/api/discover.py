@@ -1,4 +1,4 @@
-"""Search a measured table for missing effects, name them, and confirm them on held-out poses."""
+"""Search a measured table for effects missing in the standard model, and confirm them on held-out poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -70,10 +70,10 @@ COMMAND = "gpmodel.discover"
 
 @dataclass(frozen=True, repr=False)
 class DiscoveryResult(FittedResult):
-    """Effects missing from the standard model.
+    """Result of a search for effects that the standard model lacks.
 
     found: result of the search. record: content of report.json. note: sentences added to the verdict.
-    alone: fit of a further machine of a type without the prior of the type; () if the machine has too few poses.
+    alone: fit of a machine without the prior of its type; () if the machine has too few poses.
     """
 
     found: Discovery
@@ -104,13 +104,13 @@ class DiscoveryResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit of the model to all poses, and the dataset of the poses."""
+        """The fitted model with all standard errors, fitted to all poses, and the dataset of the poses."""
         return self.found.final, self.found.poses
 
     @property
     def rejected(self) -> tuple[CandidateRecord, ...]:
-        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` proposes poses to test a
-        candidate."""
+        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` proposes poses to test one of
+        them."""
         return self.record.rejected
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -147,17 +147,17 @@ def discover(
     kept: KeptRuns | None = None,
     command: str = COMMAND,
 ) -> DiscoveryResult:
-    """Find effects that the model of a mechanism lacks, name them, and confirm them on held-out poses.
+    """Find error effects that the model of a mechanism lacks, name them, and confirm them on held-out poses.
 
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
-    folds: number of folds of a cross-validation in place of `holdout`. The selection uses all poses, and is repeated
+    folds: number of folds of a cross-validation in place of `holdout`. The search uses all poses, and is repeated
     without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds with few poses (ENOUGH_HELD).
     seed: random seed of the evolution. Held-out poses, folds and permutations are independent of the seed.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
     candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit:
-    largest ratio of singular values; None: cross-validated. standard: patterns of the geometric constants to fit.
+    largest condition number of a fit; None: cross-validated. standard: patterns of the geometric constants to fit.
     noise: standard deviation of one measurement, "0.03 mm" or "0.1 px", if no pose is repeated.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is half of this limit.
+    instrument: specification, "15um + 6um/m": largest error of a coordinate; the noise is half of the specification.
     joints: "BALL=RESULT" as in `calibrate`, added to the standard model. like: folder, file or record of a `fleet` of
     the type; the effects of the fleet, with mean and spread, replace the standard model.
     progress: function called with Progress messages, for example `print`. kept: finished runs of an interrupted search.
@@ -190,9 +190,9 @@ def discover(
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
-    """Start the search from the standard model or, if `known` is given, from the prior of the machine's type.
+    """Begin the search with the standard model or, if `known` is given, with the prior of the machine's type.
 
-    A search from the standard model with a catalogue also considers other loads than the declared ones.
+    A search that begins with the standard model and uses the catalogue also considers loads other than declared.
     """
     if known is not None:
         return partial(from_the_type, known, arm, partial(loop, arm))
@@ -204,7 +204,7 @@ def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]"
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """Return the record of the machine's type or None. Raises InputError if it is unreadable or `joints` are given."""
+    """Return the record of the machine's type or None; raise InputError if it is unreadable or `joints` are given."""
     if like is not None and joints:
         raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")
@@ -274,8 +274,8 @@ def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> 
 
 
 ENOUGH_HELD = 45
-"""Least number of held-out poses; with fewer held-out poses, cross-validation is used. With 88 poses, a formula of two
-inputs was missed if 62 poses were searched, and found with 84 (``experiments.random_laws``)."""
+"""Least number of held-out poses; with fewer poses to hold out, cross-validation is used. With 88 poses, a formula of
+two inputs was missed if 62 poses were searched, and found with 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
@@ -290,9 +290,9 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
 
 
 def _repeating(search: Search, named: bool) -> list[Search]:
-    """Return the searches to repeat in each fold, the quickest first.
+    """Return the searches to repeat in each fold of a cross-validation, the quickest first.
 
-    If the search has named candidates, the first repeated search omits evolution and the second includes evolution.
+    If the search has candidates of the catalogue, the first repetition omits genetic programming, the second does not.
     """
     return [replace(search, runs=0), search] if named and search.runs else [search]
 
@@ -306,13 +306,13 @@ def check_split(holdout: object, folds: object) -> None:
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
-"""Smallest allowed values of fields of Search and Criteria; fields that are not listed may be zero."""
+"""Smallest allowed values of the fields of Search and Criteria; fields without an entry may be zero."""
 
 
 def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:
-    """Return search and criteria after validation.
+    """Check the fields of the arguments `search` and `criteria`.
 
-    Raises InputError that names the argument of a wrong type, or the first invalid field.
+    Raises InputError that names an argument of a wrong type, or the first invalid field.
     """
     if not isinstance(search, Search):
         raise InputError(f"{brief(search)}, expected gpmodel.Search(...)", "search")

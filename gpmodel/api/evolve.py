@@ -1,4 +1,4 @@
-"""Evolve compensators or basis functions in repeated runs, and count the inputs of the evolved programs."""
+"""Evolve compensators or basis functions by genetic programming, and count the inputs of the evolved programs."""
 
 import time
 from collections import Counter
@@ -58,14 +58,14 @@ from gpmodel.report.schema_search import CompensationRecord
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
-"""Number of programs per run.
+"""Number of programs in the population of a run.
 For compensators, the number of sequences is that of the thesis (section 5.2.2); an eighth as many trees take equal
-time. At a slot (frame of an error), one formula of one input is sought, and smaller populations suffice.
+time. At a frame (slot of an error), one formula of one input is sought, and smaller populations suffice.
 """
 GENERATIONS = 100
-"""Generations of a run. The thesis gives no number; after 100 generations the programs of a population are alike."""
+"""Number of generations of a run. Robertson (2003) gives none; after 100 the programs of a population are alike."""
 UNLIMITED, NO_END = 1_000_000, 1e9
-"""Generations of a run with a time limit, and time limit of a run with a number of generations, s."""
+"""Largest number of generations of a run with a time limit, and longest time, s, of a run without a limit."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Effort:
 
 
 def evolved(value: object) -> tuple[Representation, ...]:
-    """Return program representations with different names; raise InputError naming `strategies` otherwise."""
+    """Check that `strategies` are program representations with different names; otherwise raise InputError."""
     chosen: list[Representation] = []
     for strategy in check_list(value, "strategies", "(gp.Linear(), gp.Tree())"):
         if isinstance(strategy, type) or not isinstance(strategy, Representation):
@@ -94,22 +94,22 @@ def evolved(value: object) -> tuple[Representation, ...]:
 
 
 def selecting(value: object, argument: str) -> SelectionScheme:
-    """Return a selection scheme; raise InputError naming the argument for any other object."""
+    """Check that a value is a selection scheme of genetic programming; otherwise raise InputError."""
     if isinstance(value, type) or not isinstance(value, SelectionScheme):
         raise InputError(f"{brief(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
     return value
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
-    """Return the program representations of Robertson (2003) for Cartesian space, others for errors at a slot."""
+    """Return default program representations: as in Robertson (2003) for Cartesian space, others at frames (slots)."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
-    """Return the settings of evolution by representation: for Cartesian space of Robertson (2003), else the defaults.
+    """Return the settings of evolution by representation: for Cartesian space as in Robertson (2003), else defaults.
 
     A run uses one thread, because several runs are executed in parallel. Raises InputError for a population too small
-    for the selection.
+    for the selection scheme.
     """
     generations = effort.generations
     if generations is None:
@@ -137,9 +137,9 @@ NORMS: tuple[Norm, ...] = get_args(Norm)
 
 @dataclass(frozen=True, repr=False)
 class EvolutionResult(Shown):
-    """Finished runs on residuals and on permuted residuals, and counts of the inputs of the best programs.
+    """Genetic programming runs on residuals and on permuted residuals, with input counts of the best programs.
 
-    start: models fitted to the training poses; the residual of the last model is the target of the runs.
+    start: models fitted to the training poses; programs are evolved on the residual of the last model.
     settings: settings of evolution, one per representation.
     best: the best program on the training poses.
     """
@@ -154,7 +154,7 @@ class EvolutionResult(Shown):
 
     @property
     def fit(self) -> Calibration:
-        """The model whose residual is the target of the runs."""
+        """The model on whose residual programs are evolved."""
         return self.start.final
 
     @cached_property
@@ -165,12 +165,12 @@ class EvolutionResult(Shown):
 
     @property
     def verdict(self) -> str:
-        """Verdict in one sentence."""
+        """Verdict on the evolved programs in one sentence."""
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per run: representation, number, shuffled (residual permuted), gain, heldout, complexity,
-        site, program."""
+        """Return one row per run: representation, number, shuffled (residual permuted), gain, gain on held-out poses,
+        complexity, site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
         return pd.DataFrame(self.runs, columns=columns)
 
@@ -189,7 +189,7 @@ class EvolutionResult(Shown):
         return pd.DataFrame(columns | {"p_value": counted.p_values})
 
     def summary(self) -> str:
-        """Return text: best program of each run, counts of inputs and operators (residual and permuted), verdict."""
+        """Return text: best program of each run, counts of inputs and operators, verdict."""
         counted = self.histogram
         best = [
             (run.representation, str(run.number + 1), f"{run.gain:.3f}",
@@ -217,7 +217,7 @@ class EvolutionResult(Shown):
         )
 
     def programs(self) -> str:
-        """Return the best program of every run on the residual, one per line."""
+        """Return the best evolved program of every run on the residual, one per line."""
         lines = [f"{r.representation} {r.number + 1}: {r.program}" for r in self.runs if not r.shuffled]
         return "\n".join(lines) + "\n"
 
@@ -261,7 +261,7 @@ def evolve(
 
     mechanism, table: objects, or names and paths.
     model: result of `calibrate` or `discover`, or the folder or file of a result. The model is refitted to the training
-    poses. With None, evolution starts from the standard model.
+    poses. With None, programs are evolved on the residual of the standard model.
     effects: as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
     strategies: representations of programs, Linear and Tree; None for the defaults of the space.
@@ -309,7 +309,7 @@ def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tup
 
 
 def _models(known: tuple[Effect, ...], groups: Models) -> Models:
-    """Return the geometry and, if there are more effects, the whole model; raise InputError for a repeated effect."""
+    """Return the geometric model and, with further effects, the whole model; raise InputError for a repeated effect."""
     geometry, effects = (tuple(e for e in known if e.constant == side) for side in (True, False))
     groups = [*((e.name, (e,)) for e in effects), *groups]
     effects = tuple(effect for _, group in groups for effect in group)
@@ -321,14 +321,14 @@ def _models(known: tuple[Effect, ...], groups: Models) -> Models:
 
 
 def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) -> TrainingProblem:
-    """Return the search problem for the residual of the training poses."""
+    """Return the problem of genetic programming for the residual of the training poses."""
     if space == "cartesian":
         return cartesian_task(start.final, start.poses, start.train, held, norm)
     return slot_task(start.final, start.final.model.mechanism, start.of_final, seed)
 
 
 def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
-    """Fit the models to the training poses. how: mechanism, whether outliers are excluded, and random seed."""
+    """Fit models to the training poses. how: mechanism, whether outliers are excluded, and random seed."""
     arm, robust, seed = how
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
@@ -340,7 +340,7 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
 def _finished(
     plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Reporter
 ) -> tuple[Run, ...]:  # fmt: skip
-    """Return all runs of a plan, with a progress message after each finished run."""
+    """Execute planned runs of genetic programming, with a progress message after each finished run."""
     tasks = plan.tasks(task.problem)
 
     def said(done: int) -> None:

@@ -1,4 +1,4 @@
-"""Exported files of a fitted model, each with its error."""
+"""Exported files of a fitted model, each with its position error."""
 
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ class ExportsResult(Shown):
 
     @property
     def records(self) -> tuple[ExportRecord, ...]:
-        """Records of the exported files in report.json."""
+        """Records of the exported files for report.json."""
         return tuple(
             ExportRecord(
                 e.file,
@@ -36,8 +36,8 @@ class ExportsResult(Shown):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per exported file: content, errors against predict and on held-out poses [mm], omitted
-        effects."""
+        """Return one row per exported file: content, position errors relative to `predict` and on held-out poses [mm],
+        omitted effects."""
         heads = ["file", "what", "RMS [mm]", "max [mm]", "held-out RMS [mm]", "missing"]
         return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
@@ -60,12 +60,12 @@ class ExportsResult(Shown):
         return "\n".join(lines)
 
     def report(self, folder: str | Path) -> None:
-        """Write calibrated.urdf and exports/ into `folder`; on an error nothing is written."""
+        """Write calibrated.urdf and the folder exports/ into `folder`; on an error nothing is written."""
         with finished_folder(Path(folder)) as draft:
             self.write(draft)
 
     def write(self, folder: Path) -> None:
-        """Write the exports into an existing folder."""
+        """Write the exported files into an existing folder."""
         for export in self.exports.files:
             write_text(folder / export.file, export.text)
 

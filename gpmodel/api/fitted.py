@@ -1,4 +1,4 @@
-"""Common interface of the results of a fit: values, predictions and figures."""
+"""Common interface of calibration results: parameter values, predictions and figures."""
 
 import html
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ from gpmodel.wording import measured
 
 
 class RecordedResult:
-    """Result of a fit, computed or loaded from a folder, with the content of its report.json."""
+    """Result of a calibration or search, computed or loaded from a folder, with the content of its report.json."""
 
     if TYPE_CHECKING:  # a field of one subclass, a cached property of others
 
@@ -36,10 +36,10 @@ class RecordedResult:
 
     @property
     def histogram(self) -> pd.DataFrame:
-        """One row per input in round 1: programs that use the input on residuals and on permuted residuals, p,
+        """One row per input in round 1: number of evolved programs that contain it, also on permuted residuals, p,
         significance.
 
-        The table is empty if no program was evolved.
+        The rows are empty if no program was evolved.
         """
         found = self.record.histograms[0] if self.record.histograms else without_runs((), 1.0)
         rows = {
@@ -55,12 +55,12 @@ class RecordedResult:
 
     @property
     def verdict(self) -> str:
-        """Verdict on the result in one sentence."""
+        """Verdict on the calibration or search in one sentence."""
         return self.record.verdict
 
     @property
     def rms(self) -> float:
-        """RMS, mm, of the 3-D error of the last step: on held-out poses, or on training poses if none were held out."""
+        """RMS, mm, of the 3-D error of the last model on held-out poses, or on training poses if none were held out."""
         found = self.record.ladder[-1].errors.rms_mm
         return float("nan") if found is None else found
 
@@ -70,11 +70,11 @@ class RecordedResult:
         return pd.DataFrame((*self.record.parameters, *self.record.effects), columns=columns)
 
     def summary(self) -> str:
-        """Return text: verdict, errors of each step, effects and parameters with standard errors, warnings."""
+        """Return the result as text: verdict, errors of each model, effects, parameters, standard errors, warnings."""
         return summary(self.record)
 
     def ladder(self) -> pd.DataFrame:
-        """Return one row per step: 3-D errors [mm] on held-out and training poses, and the number of unknowns."""
+        """Return one row per model: 3-D errors [mm] on held-out and training poses, and the number of unknowns."""
         rows = []
         for rung in self.record.ladder:
             row: dict[str, str | float | None] = {"step": self.record.title(rung)}
@@ -86,7 +86,7 @@ class RecordedResult:
     def plot(self, name: str | None = None) -> object:
         """Return a figure of the report as a matplotlib Figure. name: name of the figure; None for the first figure.
 
-        Raises InputError for an unknown name; the message lists the names of all figures.
+        Raises InputError for an unknown name, with the names of all figures.
         """
         from gpmodel.report.figures import figure
         from gpmodel.report.page import pictures
@@ -97,7 +97,7 @@ class RecordedResult:
         return figure(known[name or next(iter(known))])
 
     def _repr_html_(self) -> str:
-        """Return HTML for a notebook: verdict, errors of each step, effects with standard errors, a figure."""
+        """Return HTML for a notebook: verdict, errors of each model, effects with standard errors, a figure."""
         ladder = self.ladder().dropna(axis="columns", how="all").to_html(index=False, float_format="{:.4g}".format)
         effects = pd.DataFrame(
             [{"effect": e.name, "value": str(measured(e.value, e.stderr, e.unit))} for e in self.findings]
@@ -123,7 +123,7 @@ class FittedResult(RecordedResult, ABC):
     @property
     @abstractmethod
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit of the model to all poses, and the dataset of the poses."""
+        """The fitted model with all standard errors, fitted to all poses, and the dataset of the poses."""
 
     def predict(self, poses: TableLike, *, as_measured: bool = False, in_order: bool = False) -> pd.DataFrame:
         """Return the tool position predicted by the model for each pose; `Model.predict` documents the arguments."""
@@ -132,7 +132,7 @@ class FittedResult(RecordedResult, ABC):
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
     ) -> VerifyResult:
-        """Test whether the model holds for a table measured later; `Model.verify` documents the arguments."""
+        """Test whether the model is valid for a table measured later; `Model.verify` documents the arguments."""
         return self.model.verify(table, tolerance=tolerance, in_order=in_order, **sights)
 
     @property
@@ -167,13 +167,13 @@ class FittedResult(RecordedResult, ABC):
         return [translate(e.name, names) for e in fit.model.effects]
 
     def report(self, folder: str | Path, *, workers: int = 0) -> None:
-        """Write report.html, report.json, model.json, figures and exports into `folder`; all files or none.
+        """Write report.html, report.json, model.json, figures and exported files into `folder`; all files or none.
 
         workers: number of processes; 0 for one per core, 1 for this process alone.
         """
         write_fitted(lambda: self.record, self.model, folder, Forks(workers))
 
     def save(self, file: str | Path) -> None:
-        """Write report.json to `file`, with the errors of the exports. Raises InputError if the file cannot
+        """Write report.json to `file`, with the errors of the exported files. Raises InputError if the file cannot
         be written."""
         save_fitted(self.record, self.model, file)

@@ -1,4 +1,4 @@
-"""Calibrate several machines of one type: common parameters, spread, outlying machines, prior for further machines."""
+"""Calibrate several machines of one type: mean parameters, spread, outlying machines, prior for further machines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[st
 
 COMMAND = "gpmodel.fleet"
 OWN = "its own effects"
-"""Name of the step that adds the effects of a single machine."""
+"""Name of the model that adds the effects of a single machine."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,12 +107,12 @@ class FleetResult(Shown):
 
     @cached_property
     def shown(self) -> FleetPart:
-        """The content of fleet.json with the joint names of the tables."""
+        """The content of fleet.json, with the joint names of the machines' tables."""
         return in_table_names(self.record)
 
     @property
     def verdict(self) -> str:
-        """Verdict on the machines of the fleet in one sentence."""
+        """Verdict on several machines of one type in one sentence."""
         return pages.verdict(self.shown)
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -132,7 +132,7 @@ class FleetResult(Shown):
         )  # fmt: skip
 
     def summary(self) -> str:
-        """Return text: verdict, machines (the most outlying first), effects of the type and their origin, geometry."""
+        """Return text on all machines: verdict, machines (the most outlying first), effects of the type, geometry."""
         return pages.summary(self.shown)
 
     def report(self, folder: str | Path) -> None:
@@ -154,7 +154,7 @@ class FleetResult(Shown):
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:
-    """Return a parameter of one machine and of the type as cells of a row; NaN for a block."""
+    """Return a parameter of one machine and of the type as cells of a row; NaN for a block of effects."""
     if isinstance(part, BlockPart):
         return {"unit": "1"} | dict.fromkeys(("value", "stderr", "shrunken", "shrunken_stderr", "mean"), np.nan)
     both = (part.shrunken[machine], part.shrunken_stderrs[machine]) if part.shrunken else (np.nan, np.nan)
@@ -185,7 +185,7 @@ def fleet(
     effects: as in `calibrate`; () for the geometry alone; None to select effects of the type, then of single machines.
     holdout: held-out share of the poses of each machine; 0 for none. seed: random seed of held-out poses.
     workers: number of processes, 0 for one per core. executor: runs the searches. Results depend on neither argument.
-    journal: keeps the findings of each machine, so that an interrupted call can continue.
+    journal: file for the findings of each machine, so that an interrupted call can continue.
     progress: called with progress messages. command: command line, recorded in fleet.json.
     A single machine is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are
     compared between machines as one block.
@@ -244,7 +244,7 @@ def _judged(
     machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Sequence[Models],
     effects: tuple[Effect, ...], seed: int,
 ) -> list[tuple[Step, ...]]:  # fmt: skip
-    """Return the steps of every machine, fitted to its training poses: alone, then with the prior of the type."""
+    """Return the fits of every machine to its training poses: alone, then with the prior of the type."""
     seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
     held = [poses.subset(out) for (_, poses), (_, out) in zip(machines, rows, strict=True)]
     steps = [
@@ -277,7 +277,7 @@ def _machine_parts(
 ) -> tuple[MachinePart, ...]:
     """Return the records of the machines: noise of the fit to all poses, and errors on held-out poses.
 
-    own: effects of each machine beyond the effects of the type. under: loads of each machine that were not declared.
+    own: effects of each machine alone. under: fitted loads of each machine that differ from the declared loads.
     """
     out, folders = [], folder_names(list(found))
     for name, (serial, machine), extra, loads in zip(folders, found.items(), own, under, strict=True):

@@ -1,4 +1,4 @@
-"""Fitted model: predict positions, compensate targets, export, verify."""
+"""Fitted error model of a mechanism: predict positions, compensate targets, export, verify."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -69,7 +69,7 @@ class Model(Shown):
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism with the nominal geometry, which the effects of the model correct."""
+        """The mechanism with its nominal geometry, to which the model adds effects."""
         return self.saved.mechanism
 
     def predict(
@@ -79,9 +79,9 @@ class Model(Shown):
         """Predict the positions of the tool at given joint values.
 
         Returns `poses` with x, y, z [mm] in the instrument's frame; rx, ry, rz [deg] if rotations were fitted; the
-        distances to known anchors; `sigma [mm]`, the standard deviation of the point; and `outside`, the inputs beyond
-        the ranges of the fit. An existing column x is kept, and the prediction added as `predicted_x`; an earlier
-        prediction is replaced.
+        distances to known fixed points; `sigma [mm]`, the standard deviation of the point; and `outside`, the inputs
+        beyond the ranges of the fit. A measured column x is kept, and the prediction is added as `predicted_x`; an
+        earlier prediction is replaced.
 
         poses: joint values and the other columns that the model needs, as in a measured table.
         as_measured: include the fitted errors of the instrument, to predict its measurements.
@@ -89,15 +89,15 @@ class Model(Shown):
         (`of_its_session`) keep the value of the end of the session.
         in_order: the poses are taken in the order of the rows, which backlash and hysteresis need.
         progress: called with progress messages.
-        A formula outside the catalogue is extrapolated by at most a tenth of the range of an input, then held constant.
-        Raises InputError if a column, a set-up or a tool does not fit the model.
+        A formula that is not in the catalogue is extrapolated by at most a tenth of an input's range, then held
+        constant. Raises InputError if a column, a set-up or a tool does not fit the model.
         """
         return self.judged(poses, as_measured, session, in_order, progress)[0]
 
     def judged(
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
-        """Return predicted positions, as `predict` does, and their errors, as `misses` does, computed together."""
+        """Return predicted positions, as `predict` does, and their distances from measured points, as `misses` does."""
         check_function(progress, "progress")
         as_measured, session = check_bool(as_measured, "as_measured"), check_bool(session, "session")
         in_order = check_bool(in_order, "in_order")
@@ -124,7 +124,7 @@ class Model(Shown):
         in_order: bool = False,
         seed: int = 0,
     ) -> pd.DataFrame:
-        """Compute the joint values that bring the real tool to its targets.
+        """Compute the joint values that bring the real tool to given targets.
 
         Returns `targets` with `corrected_J1 [deg]` and so on, the correction and the remaining error (residual) [mm],
         residual_turn [mrad], `sigma [mm]` of the reached point, and a status per row. Statuses with corrected values:
@@ -154,8 +154,8 @@ class Model(Shown):
         """Write targets corrected by `compensate` as data of a robot program.
 
         A RAPID module has jointtargets and robtargets, a KRL data list E6AXIS and FRAME; j1 and p1 are the first row.
-        Rows without corrected values are omitted and listed in a comment of the program.
-        corrected: result of `compensate`. language: "RAPID" or "KRL". name: of the module. Raises InputError for
+        Targets without corrected values are omitted and listed in a comment of the program.
+        corrected: result of `compensate`. language: "RAPID" or "KRL". name: name of the module. Raises InputError for
         another frame, a mechanism with more than six joints, or if no row has corrected values.
         """
         if not isinstance(corrected, pd.DataFrame):
@@ -172,11 +172,11 @@ class Model(Shown):
         tool: str | None = None,
         seed: int = 0,
     ) -> "ExportsResult":
-        """Export the model to files of other programs, and state the error of each file against `predict`.
+        """Export the model to files of other programs, and state each file's position error relative to `predict`.
 
         calibrated.urdf, Denavit-Hartenberg rows, ROS YAML files and RoboDK's table contain a geometry that is refitted
         without the effects that the file format cannot express. NumPy and C99 source contain the whole model, LaTeX its
-        terms, and a grid joint corrections.
+        equations, and a grid file joint corrections.
         box: limits of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m.
         The default is the largest cube about a measured pose near the middle in which every node is reached and
         corrected.
@@ -205,7 +205,7 @@ class Model(Shown):
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
     ) -> "VerifyResult":
-        """Test whether the model still holds, from a table measured later.
+        """Test whether the model is still valid, by a table measured later.
 
         The function `gpmodel.verify` documents the arguments.
         """
@@ -222,7 +222,7 @@ class Model(Shown):
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:
-        """Return the names of effects that depend on the row or the time of the fitted session.
+        """Return the names of effects that depend on row or time of the measurement session of the fit.
 
         session: include effects that end with the session: errors of the instrument, and drift of the set-up. With
         False, only effects whose value at the end of the session remains valid.
@@ -238,14 +238,14 @@ class Model(Shown):
             return ""
 
     def save(self, file: str | Path, **more: object) -> None:
-        """Write model.json. more: additional JSON content, ignored on reading.
+        """Write the model to a file model.json. more: additional JSON content, ignored on reading.
 
         Raises InputError if the file cannot be written, or a basis function is a Python function without text.
         """
         save_model(file_path(file, "file"), self.saved, **more)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per effect: name, family, value, stderr, unit, slot, basis."""
+        """Return one row per effect: name, family, value, standard error, unit, slot (frame), basis function."""
         saved = self.saved
         return pd.DataFrame(
             {

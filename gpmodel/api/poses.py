@@ -1,4 +1,4 @@
-"""Propose measurement poses, before any measurement or after a result."""
+"""Propose measurement poses, before any measurement or after a calibration."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -66,10 +66,10 @@ from gpmodel.wording import wrapped
 POOLED = 40
 """Largest number of selected poses if the user gives no number."""
 TOLD_APART = 2.0
-"""Least distance of two explanations that further poses are selected to distinguish, in standard deviations over all
-candidate poses."""
+"""Least distance of two explanations, in standard deviations over all candidate poses, for further poses to be selected
+that distinguish the two."""
 WITHIN = 1.2
-"""Target standard error at a task, relative to the standard error with all candidate poses measured."""
+"""Target standard error at the poses of a task, relative to that with all candidate poses measured."""
 MOST_RIVALS = 3
 """Largest number of alternatives of each finding, the closest first. Poses that distinguish the closest alternatives
 also distinguish the others."""
@@ -108,7 +108,7 @@ def design_problems(
 
 
 def _rivals(outlook: PlanningContext, record: Report | None) -> tuple[dict[str, tuple[Design, float]], str]:
-    """Return design problems and odds by pairs of names of distinguishable alternatives, and the other names."""
+    """Return design problems and odds by pairs of names of distinguishable alternative causes, and other names."""
     asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
     pairs = {f"{f.name} or {name}": (outlook.separation(f, e), odds) for f in asked for name, e, odds in f.rivals}
     told = {said: pair for said, pair in pairs.items() if best_deviation(pair[0]) < 1.0 / TOLD_APART}
@@ -116,10 +116,10 @@ def _rivals(outlook: PlanningContext, record: Report | None) -> tuple[dict[str, 
 
 
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Aim:
-    """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
+    """Return the experimental design that lowers the error at the poses of a task and distinguishes alternative causes.
 
-    pool: joint values of candidate poses. Each pose is selected for the goal farthest from its target: precision
-    (WITHIN) or distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
+    pool: joint values of candidate poses. Each pose serves the goal farthest from its target: precision (WITHIN) or
+    distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
@@ -141,7 +141,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Aim:
-    """Return the experimental design of further poses among `pool` that decide on a rejected candidate.
+    """Return the experimental design of further poses among `pool` that decide on a rejected candidate effect.
 
     number: number of the candidate, from 1. Raises InputError for an invalid number or a candidate without a name.
     """
@@ -159,7 +159,7 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
 
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:
-    """Return the names of alternative explanations that further poses could distinguish from their findings."""
+    """Return the names of alternative causes that further poses could distinguish from the findings."""
     rng, reach = np.random.default_rng(0), Constraints(measured=measured_table(model.saved).q)
     outlook = PlanningContext.from_joint_values(model.saved, pool_of(model.mechanism, POOLED, rng, reach), rng)
     asked = ((name, outlook.separation(f, own)) for f in findings_of(outlook, record) for name, own, _ in f.rivals)
@@ -167,7 +167,7 @@ def tellable_causes(model: Model, record: Report) -> frozenset[str]:
 
 
 def findings_of(outlook: PlanningContext, record: Report | None) -> list[Alternatives]:
-    """Return the findings of a report with their alternatives; without a report, all effects but constants."""
+    """Return the findings of a report with their alternative causes; without a report, all effects but constants."""
     saved = outlook.saved
     effects = saved.model.effects
     names = names_of(outlook.measured.dataset)
@@ -211,18 +211,18 @@ AFTER = ("rivals", "effect", "i-optimal", "spread")
 CONE = 30.0
 """Half-angle of the acceptance cone of a corner-cube reflector, degrees."""
 DRAWS = 5
-"""Number of random selections of candidate poses; their mean precision is printed for comparison."""
+"""Number of random sets of candidate poses, whose mean precision is printed for comparison."""
 MOST = 10_000
 """Largest number of poses that may be requested: twice the number of poses that is selected in a minute."""
 ROWS = 9
-"""Number of rows of the printed table of precision by number of poses."""
+"""Number of rows of the printed table of precision against number of poses."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosesResult(Shown):
-    """Proposed poses. q: joint values, rad and m, the most informative pose first. said: purpose of the poses, text.
-    spacing: distance of the two most similar poses, as a share of joint ranges. curve: precision after each pose.
-    limit: lower bound of the precision over all sets of as many candidate poses, in the unit of the curve. columns:
+    """Proposed measurement poses. q: joint values, rad and m, the most informative first. said: purpose, as text.
+    spacing: distance of the two most similar poses, as a share of joint ranges. curve: standard error after each pose.
+    limit: lower bound of the standard error for any set of as many candidate poses, in the unit of the curve. columns:
     joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is
     95 % probable in 19 of 20 cases; None if the proposed poses do not suffice.
     """
@@ -241,7 +241,7 @@ class PosesResult(Shown):
         return joint_table(self.mechanism, self.q, self.columns)
 
     def to_csv(self) -> str:
-        """Return the table as text, with the decimals of a robot controller."""
+        """Return the table of proposed poses as text, with the decimals of a robot controller."""
         return table_text(self.to_dataframe(), CONTROLLER_DECIMALS)
 
     def summary(self) -> str:
@@ -260,7 +260,7 @@ class PosesResult(Shown):
         return "\n".join([*lines, f"no set of {len(self.q)} poses can be below {self.limit:.4g}"])
 
     def save(self, file: str | Path) -> None:
-        """Write the poses as .csv and the curve as .curve.csv. Raises InputError if a file cannot be written."""
+        """Write the poses as .csv, their precision as .curve.csv. Raises InputError if a file cannot be written."""
         path = file_path(file, "file")
         write_text(path, self.to_csv())
         write_text(path.with_suffix(".curve.csv"), self.curve.to_csv(index=False, lineterminator="\n"))
@@ -362,7 +362,7 @@ def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) ->
 
 
 def _curve(asked: Aim, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
-    """Return the precision after each selected pose, and after equally many random poses."""
+    """Return the precision after each selected pose, and that of as many random poses."""
     draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
     chosen, random = (
         asked.to_curve_unit(deviations(asked.measure, order)),

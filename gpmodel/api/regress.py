@@ -28,10 +28,10 @@ response."""
 
 @dataclass(frozen=True, repr=False)
 class Regression(Shown):
-    """Formulas of a response, shortest first; each formula fits better than all shorter formulas.
+    """Formulas found by symbolic regression, shortest first; each fits better than all shorter formulas.
 
-    laws: the formulas. names: names of the columns of X (inputs). deviation: standard deviation of the response, in its
-    unit. seconds: duration of the search.
+    laws: the list of formulas. names: names of the columns of X (inputs). deviation: standard deviation of the
+    response, in its unit. seconds: duration of the search.
     """
 
     _with_rows = False
@@ -42,19 +42,19 @@ class Regression(Shown):
 
     @cached_property
     def best(self) -> "Law":
-        """The formula with the least description length."""
+        """The regression formula with the least description length."""
         return min(self.laws, key=lambda law: law.nats)
 
     @cached_property
     def expression(self) -> Expression:
-        """The formula with the least description length, as a basis function of an effect."""
+        """The regression formula with the least description length, as a basis function of an effect."""
         return Expression(str(self.best.program))
 
     def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
         """Predict the response at other rows, by the best formula or by formula number `law`, from 0.
 
-        A prediction is NaN in a row in which the formula is not defined. Raises InputError for a missing column, or a
-        value that is not a finite real number.
+        The predicted response is NaN in a row in which the formula is not defined. Raises InputError for a missing
+        column, or a value that is not a finite real number.
         """
         names, values = _columns(X, self.names)
         if law is not None and not 0 <= check_integer(law, "law") < len(self.laws):
@@ -64,7 +64,7 @@ class Regression(Shown):
         return np.where(np.isfinite(found), found, np.nan)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per formula.
+        """Return one row per formula of the regression.
 
         Columns: law, length (nodes and constants), r_squared, rms in the unit of the response, nats (description
         length, less is better), best.
@@ -81,7 +81,7 @@ class Regression(Shown):
         )
 
     def summary(self) -> str:
-        """Return the formulas as a table; a star marks the least description length."""
+        """Return the formulas of the regression as a text table; a star marks the least description length."""
         rows = [
             (("* " if row.best else "  ") + str(row.law), str(row.length), f"{row.r_squared:.6f}", f"{row.rms:.3g}",
              f"{row.nats:.1f}")
@@ -112,7 +112,7 @@ def regress(
     y: response, one number per row of X.
     names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier. At most 100 (1 + seconds) rows, drawn at
-    random, are searched; the constants are fitted to all rows afterwards. The last step may end after the limit.
+    random, are searched; the constants are fitted to all rows afterwards. The search may exceed the time limit.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
     The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula
     explodes between neighbouring rows, as at a pole, its deviation from a straight line counts as a residual in R².
@@ -134,7 +134,7 @@ def regress(
 
 
 def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
-    """Return names and values of a table's columns; if `names` is given, only the columns with these names."""
+    """Return names and values of a table's columns, or of the columns `names` alone."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
         if twice := [name for name in dict.fromkeys(named) if named.count(name) > 1]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def check_writable() -> None:
-    """Raise InputError if this installation lacks the packages that draw the pages."""
+    """Raise InputError if the Python packages that draw the report's pages are not installed."""
     with extra_for("a report", "report"):
         import gpmodel.application.exports.make
         import gpmodel.report.write  # noqa: F401
@@ -31,7 +31,7 @@ def check_writable() -> None:
 def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], None]) -> None:
     """Write report.json, the pages, poses.csv and figures into `folder`.
 
-    beside: functions that write further files into a folder; the argument is the folder.
+    beside: functions of a folder that write further files into the folder.
     Raises InputError if a file cannot be written.
     """
     check_writable()
@@ -44,7 +44,7 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, workers: Forks) -> None:
-    """Write the report of a fit, model.json and every export that the model allows, in parallel.
+    """Write the report of a calibration, model.json and every export file that the model allows, in parallel.
 
     look: function that returns the content of report.json. If writing the report fails, model.json is still written, so
     that the fit is not lost. Raises InputError if a file cannot be written.
@@ -76,7 +76,7 @@ def write_numbers(record: Report, model: Model, folder: Path) -> None:
 
 @contextmanager
 def _kept(model: Model, folder: Path) -> Iterator[None]:
-    """Write model.json into `folder` if the block fails for another reason than a failed write."""
+    """Write model.json into `folder` if the code in the context fails for another reason than a failed write."""
     try:
         yield
     except WriteError:
@@ -96,7 +96,7 @@ def save_model(model: Model, folder: Path) -> None:
 
 
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:
-    """Write report.json of a fit to `file`, with the errors of every export; raise InputError if writing fails."""
+    """Write a calibration's report.json to `file`, with errors of every export file; raise InputError if it fails."""
     path = file_path(file, "file")
     save_record(replace(record, exports=_exports(model, path).records), path)
 

@@ -1,4 +1,4 @@
-"""Load results from folders; compare, explain and export them."""
+"""Load calibration results from folders; compare, explain and export them."""
 
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SavedResult(RecordedResult):
-    """Result of calibrate or discover, loaded from its folder. record: content of report.json."""
+    """Result of `calibrate` or `discover`, loaded from its folder. record: content of report.json."""
 
     folder: Path
     record: Report
 
     @cached_property
     def model(self) -> Model:
-        """Model from model.json in the folder. Raises InputError if the file is missing."""
+        """Fitted model, read from model.json in the result's folder. Raises InputError if the file is missing."""
         return load_model(self.folder)
 
     def effects(self, formula: int | None = None, finding: int | None = None) -> tuple[Effect, ...]:
@@ -65,12 +65,12 @@ class SavedResult(RecordedResult):
         return tuple(_of_another_basis(e, basis) if e.name == record.name else e for e in effects)
 
     def report(self, folder: str | Path) -> None:
-        """Write the pages, poses.csv and figures again, without a fit. Raises InputError if a file cannot be
-        written."""
+        """Write the report's pages, poses.csv and figures again, without a new fit. Raises InputError if a file cannot
+        be written."""
         write_results(self.record, folder)
 
     def save(self, file: str | Path) -> None:
-        """Write report.json. Raises InputError if the file cannot be written."""
+        """Write the result to report.json. Raises InputError if the file cannot be written."""
         save_record(self.record, file)
 
     def __repr__(self) -> str:
@@ -78,7 +78,7 @@ class SavedResult(RecordedResult):
 
 
 def _of_another_basis(effect: Effect, basis: Expression) -> Effect:
-    """Return the effect with another basis function at its sites."""
+    """Return an effect with another basis function at unchanged sites."""
     terms = tuple(replace(term, basis=basis) for term in effect.terms)
     return replace(effect, name=f"{basis} on {effect.terms[0].slot} {effect.terms[0].axis}", terms=terms)
 
@@ -103,8 +103,8 @@ class CompareResult:
         return verdict(self.found)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per quantity of both results: kind, name, before, after, change, its stderr and chance, unit;
-        values in SI units."""
+        """Return one row per quantity of both results: kind, name, before, after, change, standard error and p-value of
+        the change, unit; values in SI units."""
         kinds = {"effect": self.found.effects, "parameter": self.found.parameters, "placement": self.found.placement}
         return pd.DataFrame(
             [
@@ -115,13 +115,13 @@ class CompareResult:
         )  # fmt: skip
 
     def summary(self) -> str:
-        """Return the comparison as text of 80 columns."""
+        """Return the comparison of two calibrations as text of 80 columns."""
         from gpmodel.report.compare import text
 
         return text(self.found)
 
     def report(self, folder: str | Path) -> None:
-        """Write compare.html into `folder`. Raises InputError if the file cannot be written."""
+        """Write the comparison as compare.html into `folder`. Raises InputError if the file cannot be written."""
         with extra_for("the page of a comparison", "report"):
             from gpmodel.report.compare import html
 
@@ -129,7 +129,7 @@ class CompareResult:
         write_text(file_path(folder, "folder") / "compare.html", page)
 
     def save(self, file: str | Path) -> None:
-        """Write verdict, sources and rows as JSON. Raises InputError if the file cannot be written."""
+        """Write verdict, sources and rows of the comparison as JSON. Raises InputError if writing fails."""
         rows = self.to_dataframe().to_dict("records")
         said = {"schema": 1, "verdict": self.verdict, "sources": self.found.sources, "changes": rows}
         write_text(file_path(file, "file"), to_json(said))
@@ -150,7 +150,7 @@ def compare(before: object, after: object) -> CompareResult:
 
 
 def _source(result: object, record: Report) -> str:
-    """Describe a result by its folder, table and date; unknown items are omitted."""
+    """Describe a calibration result by its folder, table and date; unknown items are omitted."""
     folder = _folder_of(result)
     said = f"{record.data.file}, {record.data.poses} poses"
     if folder is None:
@@ -160,7 +160,7 @@ def _source(result: object, record: Report) -> str:
 
 
 def _folder_of(result: object) -> Path | None:
-    """Return the folder of a result, or None if the result is not saved."""
+    """Return the folder of a calibration result, or None if the result is not saved."""
     folder = result.folder if isinstance(result, SavedResult) else result
     return Path(folder) if isinstance(folder, str | Path) else None
 
@@ -200,8 +200,8 @@ class ExplainResult:
 def explain(result: object, number: int) -> ExplainResult:
     """Explain finding `number`, counted from 1, of a result or its folder.
 
-    With a saved model, the advice names only alternative explanations that further poses could exclude. Raises
-    InputError for an object that is no result, or an invalid number.
+    With a saved model, the advice names only alternative causes that further poses could exclude. Raises InputError for
+    an object that is no result, or an invalid number.
     """
     with extra_for("an explanation", "report"):
         from gpmodel.api.poses import tellable_causes
@@ -215,7 +215,7 @@ def explain(result: object, number: int) -> ExplainResult:
 
 
 def _model_of(result: object) -> Model | None:
-    """Return the model of a result or its folder; None without a model."""
+    """Return the fitted model of a result or its folder; None without a model."""
     if folder := _folder_of(result):
         return load_model(folder) if (folder / MODEL).is_file() else None
     model = getattr(result, "model", None)

@@ -47,18 +47,18 @@ class SimulationResult(Shown):
     truth: Model
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per pose, as text cells of a measured table."""
+        """Return the simulated table, one row per pose, as text cells."""
         return frame_of(self.table, self.truth.mechanism)
 
     def summary(self) -> str:
-        """Summarise the number of poses, the mechanism and the true effects."""
+        """Summarise the simulation: number of poses, mechanism and true effects."""
         return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
 
     def save(self, file: str | Path, **more: object) -> Path:
         """Write the table as .csv and the true model as .truth.json next to the table; return the path of the model.
 
         Cameras and boards are described in .cameras.toml and .board.toml.
-        more: additional JSON content of the model's file, ignored on reading.
+        more: additional JSON content of the model's file, not read back.
         Raises InputError if a file cannot be written.
         """
         path = file_path(file, "file")
@@ -160,7 +160,7 @@ def _truth(made: Simulation) -> SavedModel:
 
 
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
-    """Return name, unit and values of a further column from its header and description."""
+    """Return name, unit and values of an input column from its header and its description such as "20:30"."""
     name, unit = split_header(str(header))
     if not name or unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")

@@ -50,7 +50,7 @@ class Shown:
     if TYPE_CHECKING:
 
         def summary(self) -> str:
-            """Return the text to print."""
+            """Return the result as text to print."""
 
         def to_dataframe(self) -> pd.DataFrame:
             """Return the rows of the result as a DataFrame."""
@@ -61,12 +61,12 @@ class Shown:
 
 
 TableLike = Dataset | pd.DataFrame | str | Path
-"""Types accepted as a table. Poses without measurements may also be an array of joint values, rad and m."""
+"""Types accepted as a table of poses. Poses without measurements may also be an array of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
-"""Content of a TOML file, or the path of a TOML file."""
+"""Type of an argument that is the content or the path of a TOML file."""
 
 LARGE = 4 << 20
-"""Size of a table, bytes, that is read in one second (about 30 000 poses). A message announces a larger table."""
+"""Size of a table file, bytes, that is read in a second (about 30 000 poses). A message announces larger tables."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def read_table(
 
 
 def specified(dataset: Dataset, instrument: object) -> Dataset:
-    """Return the table with the specification of the instrument; unchanged for None. Raises InputError if invalid."""
+    """Add the specification of the instrument to a table; unchanged for None. Raises InputError if invalid."""
     if instrument is None:
         return dataset
     if not isinstance(instrument, str):
@@ -116,7 +116,7 @@ def specified(dataset: Dataset, instrument: object) -> Dataset:
 def described(
     cameras: Described = None, board: Described = None, surfaces: Described = None
 ) -> dict[str, Mapping[str, object]]:
-    """Return the descriptions of instruments as content of TOML. Raises InputError for an unreadable file."""
+    """Return the descriptions of cameras, boards and surfaces as TOML content; raise InputError if unreadable."""
     given = dict(zip(KINDS, (cameras, board, surfaces), strict=True))
     return {
         name: value if isinstance(value, Mapping) else read_toml(file_path(value, name), f"a description of {name}")
@@ -209,7 +209,7 @@ def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> t
 
 
 def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the frame with text columns of numbers converted to numbers; a column with other text is unchanged."""
+    """Convert text columns that hold only numbers to numbers; columns with other text are unchanged."""
     out = frame.copy()
     for name in out.columns[
         out.dtypes.map(pd.api.types.is_object_dtype) | out.dtypes.map(pd.api.types.is_string_dtype)

@@ -25,7 +25,7 @@ from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
 
 CORRECTED = "corrected_"
-"""Prefix of corrected joint values in tables of `compensate`."""
+"""Prefix of the column names of corrected joint values in tables from `compensate`."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 """Columns other than corrected joint values that `compensate` adds to a table."""
 
@@ -45,16 +45,16 @@ class VerifyResult(Shown):
 
     @property
     def holds(self) -> bool:
-        """True if the model holds: the machine has not drifted and is the machine of the model."""
+        """True if the model is valid for later poses: the machine has not changed and is the machine of the model."""
         return self.record.verdict == "holds"
 
     @property
     def passed(self) -> bool:
-        """True if the model holds and every row is within the tolerance, if one was given."""
+        """True if the model is valid and every row is within the tolerance, if one was given."""
         return self.record.passed
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per row of the table, the largest error first.
+        """Return one row per later pose of the table, the largest error first.
 
         Columns: errors without and with the model, expected error, chance, and inputs outside the ranges of the fit.
         """
@@ -62,12 +62,12 @@ class VerifyResult(Shown):
         return frame if self.record.missed.known else frame.drop(columns="missed [mm]")
 
     def changes(self) -> pd.DataFrame:
-        """Return one row per identified change: name, kind, value, stderr, unit, chance, rivals."""
+        """Return one row per change of the machine: name, kind, value, stderr, unit, chance (p-value), rivals."""
         columns = ["name", "kind", "value", "stderr", "unit", "chance", "rivals"]
         return pd.DataFrame(self.record.changes, columns=columns)
 
     def summary(self) -> str:
-        """Return text: verdict, errors, amount of data, and the rows with the largest errors."""
+        """Return the verification as text: verdict, errors, amount of data, and the rows with the largest errors."""
         from gpmodel.report.verification_words import text
 
         return text(self.record)
@@ -87,7 +87,7 @@ class VerifyResult(Shown):
             self.save(draft / NAME)
 
     def save(self, file: str | Path) -> None:
-        """Write verify.json. Raises InputError if the file cannot be written."""
+        """Write the verification to verify.json. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json(self.record))
 
     def __repr__(self) -> str:
@@ -98,8 +98,8 @@ def verify_saved(
     saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool,
     sights: Mapping[str, Described],
 ) -> VerifyResult:  # fmt: skip
-    """Test a saved model on a table. sights: cameras, boards and surfaces that differ from the descriptions in the
-    model.
+    """Test a saved model on a later table. sights: cameras, boards and surfaces that differ from the descriptions in
+    the model.
 
     Raises InputError if the table does not fit the model, has a new kind of measurement, or fewer than four poses.
     """
@@ -137,7 +137,7 @@ def judged_by(
 
 
 def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
-    """Return the errors of the rows with a measured point that the tests did not use."""
+    """Return the errors of rows with a measured point that the tests of the model did not use."""
     errors = errors_at(session, dataset)
     errors[judged] = np.nan
     known = np.isfinite(errors)

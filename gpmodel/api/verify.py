@@ -1,4 +1,4 @@
-"""Test a model on poses measured after its fit."""
+"""Test a fitted model on poses measured later."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,23 +24,23 @@ from gpmodel.table.bundles import different_poses
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12
-"""Largest number of poses for the identification of a change; then no single change explains the poses."""
+"""Largest number of poses to identify a change of a machine; if they do not suffice, no single change explains them."""
 TWICE = 2.0
-"""Largest undetected displacement of the tool, in expected errors of the model, if no tolerance is given."""
+"""Displacement of the tool that must be detected, relative to the model's expected error, if no tolerance is given."""
 
 
 @dataclass(frozen=True, repr=False)
 class RepairedModel(Shown):
     """Model of a machine after a change, refitted to the poses of the check with the former model as prior.
 
-    found: parameters and expected error of the repaired model.
+    found: parameters and expected error of the refitted model.
     """
 
     found: Repaired
 
     @property
     def model(self) -> Model:
-        """The repaired model, which `save` writes to a file."""
+        """The refitted model of the changed machine, which `save` writes to a file."""
         return Model(self.found.saved)
 
     @property
@@ -54,7 +54,7 @@ class RepairedModel(Shown):
         return pd.DataFrame(rows, columns=["name", "unit", "before", "stderr before", "after", "stderr after"])
 
     def summary(self) -> str:
-        """Summarise the change with standard errors, the expected error, and the number of further poses needed."""
+        """Summarise the machine's change with standard errors, the expected error, and the number of further poses."""
         numbers = (
             f"{n.name} {wording.measured(*n.after, n.unit)}, before {wording.measured(*n.before, n.unit)}"
             for n in self.found.numbers
@@ -78,14 +78,14 @@ class RepairedModel(Shown):
 
 @dataclass(frozen=True, repr=False)
 class NextCheck(Shown):
-    """State of a pose-by-pose check.
+    """State of a pose-by-pose check of a machine against its model.
 
-    judged: result of the tests on the measured poses; None with too few poses.
+    judged: result of the tests on the measured poses; None if there are too few poses.
     poses: number of different measured poses.
     limit: displacement of the tool, mm, that a change must cause to be detected.
     unseen: changes that could move the tool by more than `limit` without being detected.
     next: pose to measure next; None if the check has ended.
-    repaired: model of the changed machine, if the change is identified.
+    repaired: refitted model of the changed machine, if the change is identified.
     suspect: name of the most probable change if a change is more probable than none; empty if not.
     """
 
@@ -99,12 +99,12 @@ class NextCheck(Shown):
 
     @property
     def decided(self) -> bool:
-        """True if no further pose is needed."""
+        """True if the check of the machine needs no further pose."""
         return self.next is None
 
     @property
     def holds(self) -> bool | None:
-        """True if the model holds; None if the check is not yet decided."""
+        """True if the model is valid for the machine; None if the check is not yet decided."""
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
@@ -194,13 +194,13 @@ def verify(
     cameras: Described = None, board: Described = None, surfaces: Described = None, progress: Say = silent,
     command: str = COMMAND,
 ) -> VerifyResult:  # fmt: skip
-    """Test a fitted model on later poses: the model holds, the machine has drifted, or it is another machine.
+    """Test a fitted model on later poses: the model is valid, the machine has changed, or it is another machine.
 
     The registration and stationary objects (a fixed camera, a board on the table, planes, points) are fitted again.
     Tool point and objects on links keep their fitted values at the end of the session. With r the residual, V its
     covariance (noise and uncertainty of the model) and z the part of V^(-1/2) r orthogonal to the registration, |z|² is
     compared with chi-square. Possible changes (zeros, tool, sizes of effects, geometry, the catalogue) are tested
-    against z. The two tests together report a change of an unchanged machine in one case of a hundred.
+    against z. The two tests together report a change for one in a hundred unchanged machines.
 
     model: a fitted model, or its folder or file.
     table: as in `read_table`. If a table has the columns corrected_J1, ... of `compensate`, the machine was at the

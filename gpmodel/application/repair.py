@@ -196,7 +196,7 @@ def _determined(covariance: Array, problem: Linearised) -> Array:
     """Return the model's covariance conditional on the tool coordinates that the fit did not determine.
 
     An undetermined coordinate is, for example, the height of the tool of an arm with parallel axes. Predictions hardly
-depend on the height, but a step of the height by its standard deviation changes every lever.
+    depend on the height, but a step of the height by its standard deviation changes every lever.
     """
     tools = [k for k, name in enumerate(problem.placement_names) if name.startswith("tool")]
     for k in tools:

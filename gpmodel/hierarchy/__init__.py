@@ -1,1 +1,1 @@
-"""Machines of one type: their common mean, the spread between machines, and outlying machines."""
+"""Machines of one type: mean parameters, the spread between machines, and outlying machines."""

@@ -13,11 +13,11 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 
 SMALLEST = 1e-300
-"""Smallest probability that is distinguished from zero."""
+"""Smallest p-value that is distinguished from zero."""
 
 FEWEST = 4
-"""Least number of machines for the test for outlying machines. With three machines, the spread of the other machines
-has one degree of freedom, and no deviation is improbable."""
+"""Least number of machines for the test for outlying machines. With three machines, the spread of the other two has one
+degree of freedom, and no deviation is improbable."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ returns the deviation z of each machine from the others, and the chance (p-value
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviation of each machine from the others, in each parameter or block: a row a machine, a column a parameter.
+    """Deviation of each machine from the other machines, in each parameter or block of effects: one row per machine.
 
     z: deviation in units of the standard deviation expected from the others.
     chance: probability of a deviation at least as large for any machine of a fleet without outliers.
@@ -56,7 +56,7 @@ class Deviations:
 
 
 def estimate_spread(values: Array, variances: Array) -> TypeDistribution:
-    """Return mean and spread of one estimate for each of m ≥ 2 machines. variances: variance of each estimate.
+    """Estimate mean and spread of a parameter from its estimates on m ≥ 2 machines with given variances.
 
     The variance τ² between machines solves Q(τ²) = m - 1, with Q = Σ w_i (y_i - μ)² over the estimates y_i of variance
     v_i, weights w_i = 1 / (v_i + τ²) and weighted mean μ (Paule and Mandel 1982; DerSimonian and Kacker 2007). At the
@@ -69,21 +69,21 @@ def estimate_spread(values: Array, variances: Array) -> TypeDistribution:
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the mean over the machines, its standard error, and the spread τ between machines."""
+    """Return the mean of a parameter over machines, its standard error, and the spread τ between machines."""
     variance = _variance(values, variances, len(values) - 1.0)
     mean, total, _ = _weighed(values, variances + variance)
     return mean, float(1.0 / np.sqrt(total)), float(np.sqrt(variance))
 
 
 def _weighed(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the weighted mean of the machines, the sum of weights, and the weighted sum of squares Q."""
+    """Return the weighted mean of a parameter over machines, the sum of weights, and the weighted sum of squares Q."""
     weights = 1.0 / variances
     mean = float(weights @ values / weights.sum())
     return mean, float(weights.sum()), float(weights @ (values - mean) ** 2)
 
 
 def _variance(values: Array, variances: Array, wanted: float) -> float:
-    """Return the variance τ² between machines at which Q is `wanted`, or zero if Q is smaller at τ² = 0."""
+    """Solve for the variance τ² between machines at which the weighted sum of squares Q is `wanted`, or zero."""
     if _weighed(values, variances)[2] <= wanted:
         return 0.0
     most = float(np.sum((values - values.mean()) ** 2) / wanted)
@@ -92,11 +92,11 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
 
 
 def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
-    """Test every machine against the others in every parameter or block.
+    """Test every machine against the other machines in every parameter or block of effects.
 
-    The chances are corrected for the number of machines and of parameters (Holm). While the smallest chance is below
-    SIGNIFICANCE, its machine becomes an outlier and the parameter is tested again without that machine, so that one
-    outlier masks no other. With fewer than FEWEST machines there are no outliers.
+    The p-values (chances) are corrected for the number of machines and of parameters (Holm). While the smallest p-value
+    is below SIGNIFICANCE, its machine becomes an outlier and the parameter is tested again without that machine, so
+    that outliers do not mask each other. With fewer than FEWEST machines there are no outliers.
     """
     inside = np.ones((machines, len(judges)), dtype=bool)
     z, chance = np.zeros(inside.shape), np.ones(inside.shape)
@@ -116,13 +116,13 @@ def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
 
 
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
-    """Return the deviation z of a further machine by mean and prior deviation of `machines` others, and its chance."""
+    """Return the deviation z of a further machine from `machines` others, by mean and deviation, and its p-value."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
     return z, p_value_of(z, machines)
 
 
 def p_value_of(z: float, machines: int) -> float:
-    """Return the two-sided chance of a deviation of `z` from the mean of `machines` others in units of their spread.
+    """Return the two-sided p-value of a deviation `z` from the mean of `machines` others, in units of their spread.
 
     The deviation has Student's t distribution with `machines` - 1 degrees of freedom.
     """
@@ -130,15 +130,15 @@ def p_value_of(z: float, machines: int) -> float:
 
 
 def normal_score(z: float, chance: float) -> float:
-    """Convert a corrected chance to the equally improbable number of standard deviations of a normal distribution.
+    """Convert a corrected p-value to the equally improbable number of standard deviations of a normal distribution.
 
-    The converted number has the sign of z. Machines that are no outliers get small values.
+    The converted number has the sign of z. The number is small for machines that are no outliers.
     """
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 
 
 def deleted_residuals(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Return the deviation z of each machine from the others, and the chance of z, from estimates and variances.
+    """Return the deviation z of each machine from the others, and the p-value of z, from estimates and variances.
 
     Each machine, with estimate y of variance v, is compared with mean μ and spread τ of the other machines that are
     `inside`: z = (y - μ) / √(v + τ² + stderr(μ)²). The deviation z has Student's t distribution with m - 2 degrees of

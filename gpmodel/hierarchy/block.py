@@ -2,7 +2,7 @@
 
     b_i ~ N(μ, τ² P),  P = diag(prior²)                    b_i: the effects of machine i; P: their prior variances
 
-Poses determine the effects together, hardly one by one. All values here are in units of the priors, so that P = 1.
+Poses determine the effects together, hardly one by one. All effects are in units of their priors, so that P = 1.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from gpmodel.numerics.interval import COVERAGE
 
 TOLD = 1.0
 """Least ratio of the information of the poses to that of the prior in a direction for the direction to be tested.
-Directions with a smaller ratio would dilute the test."""
+Directions (effect combinations) with a smaller ratio would dilute the test."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class BlockInformation:
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """Return the information of some machines. machines: mask of the machines."""
+        """Return the information about some machines. machines: mask of the machines."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
 @dataclass(frozen=True)
 class Common:
-    """Mean over the machines, the covariance of this mean, and the spread τ between machines."""
+    """Mean of a block of effects over the machines, the covariance of the mean, and the spread τ between machines."""
 
     mean: Array
     covariance: Array
@@ -63,14 +63,14 @@ def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
 
 
 def _alike(names: list[str]) -> str:
-    """Return the common beginning of names up to a comma, or the first name if there is no common beginning."""
+    """Return the common beginning of effects' names up to a comma, or the first name without a common beginning."""
     parts = [name.split(", ") for name in names]
     same = takewhile(lambda at: len(set(at)) == 1, zip(*parts, strict=False))
     return ", ".join(at[0] for at in same) or names[0]
 
 
 def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
-    """Compute the information of each fit about a block of effects, given their priors and the noise.
+    """Compute the Fisher information of each machine's fit about a block of effects, given their priors and the noise.
 
     With the covariance C and the values θ of the fitted effects, the information is Λ = C⁻¹ - 1 = RᵀR and the estimates
     b̂ solve Λ b̂ = C⁻¹ θ.
@@ -94,8 +94,8 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 def block_spread(of: BlockInformation) -> tuple[float, float, float]:
     """Return τ of a block and its interval of coverage COVERAGE, as `estimate_spread` does for one parameter.
 
-    τ is the spread at which Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1
-    degrees of freedom, as if all effects of a machine differed in one proportion.
+    At the estimated spread τ, Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m -
+    1 degrees of freedom, as if all effects of a machine differed in one proportion.
     """
     tail, free = (1.0 - COVERAGE) / 2.0, len(of.values) - 1
     low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
@@ -103,7 +103,7 @@ def block_spread(of: BlockInformation) -> tuple[float, float, float]:
 
 
 def deleted_distances(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
-    """Return the distance of each machine from the others that are `inside`, and that distance's chance."""
+    """Return the distance of each machine from the others that are no outliers (`inside`), and its p-value."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
         others = inside & (np.arange(len(inside)) != i)
@@ -114,10 +114,10 @@ def deleted_distances(of: BlockInformation, inside: Mask) -> tuple[Array, Array]
 
 
 def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
-    """Return √(χ² / n) of the n determined directions of a machine about a mean, and its chance.
+    """Return the distance √(χ² / n) of a machine from a mean in n determined directions, and its p-value.
 
     covariance: covariance of the mean and the spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k =
-    1 is large no more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with an equal
+    1 is large no more often than one χ² is (Székely and Bakirov 2003). The p-value of a single effect with an equal
     distance is therefore an upper bound, whichever effects differ.
     """
     root = of.root[machine]
@@ -130,7 +130,7 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
 def further_distance(
     fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
 ) -> tuple[float, float]:
-    """Return the distance of a machine fitted alone from the prior of its type, and the chance of the distance.
+    """Return the distance of a machine fitted alone from the prior of its type, and its p-value.
 
     believed: effects with the prior learned from `machines` machines.
     """
@@ -161,7 +161,7 @@ def _common(of: BlockInformation, share: float = 1.0) -> Common:
 
 
 def _weighed(of: BlockInformation, variance: float) -> tuple[Array, Array, float, float]:
-    """Return the mean with prior μ ~ N(0, 1), its covariance, Q, and the expectation of Q at a given τ².
+    """Return the mean μ with prior N(0, 1), its covariance, the sum of squares Q, and Q's expectation at a given τ².
 
     The expectation of Q is the number of determined directions minus the number that the mean absorbs.
     """

@@ -21,10 +21,10 @@ from gpmodel.model.sites import table_names, translate
 
 WIDE = 3e-3
 """Prior standard deviation of geometric constants in the fit of one machine, m and rad: more than that of any machine.
-This prior is removed before the type is estimated and remains only for constants that no machine's poses determine."""
+The wide prior is removed before the type is estimated and remains only for constants that no poses determine."""
 
 STEPS, SETTLED = 500, 1e-4
-"""Largest number of iterations, and the relative change of every τ² at which iterations end: a hundredth of the
+"""Largest number of EM iterations, and the relative change of every variance τ² at which they end: a hundredth of the
 standard error of τ² with hundreds of machines."""
 
 
@@ -71,7 +71,7 @@ def type_prior(
 
 
 def extras(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects of a fit that are not effects of the type."""
+    """Return the effects of one machine's fit that are not effects of its type."""
     names = {effect.name for effect in effects}
     return tuple(effect for effect in fit.model.effects if effect.name not in names)
 
@@ -121,7 +121,7 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
 
 @dataclass(frozen=True)
 class SharedBlock:
-    """A block of effects with priors, tested together.
+    """A block of effects with priors, tested together, over machines of one type.
 
     spread: standard deviation between machines, as a share of the priors.
     low, high: 95 % interval of the spread.
@@ -141,7 +141,7 @@ class Fleet:
     individual: calibration of each machine alone, with its own selection of effects.
     type_effects: calibration of each machine by its poses alone, with the effects of the type.
     shrunk: calibration of each machine by its poses and the type's `prior`, with complete geometry.
-    effects: effects without priors of their own.
+    effects: names of effects without priors of their own.
     values, stderr: of each machine, values and standard errors of the effects, last of the logarithm of the noise.
     shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
     blocks: effects with priors of their own.
@@ -212,7 +212,7 @@ def calibrate_fleet(
 
 
 def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlying: Set[str]) -> Calibration:
-    """Refit a machine with the prior of its type, at the machine's noise level.
+    """Refit a machine's parameters with the prior of its type, at the machine's noise level.
 
     Effects in `outlying` and effects of the machine alone keep their priors.
     """
@@ -222,7 +222,7 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
 
 
 def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
-    """Return the record of every effect without a prior of its own and, last, of the noise."""
+    """Return the fleet.json record of every effect without a prior of its own and, last, of the noise."""
     noise = Effect(NOISE, (), "1")
     out = []
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
@@ -244,7 +244,7 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
 
 
 def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
-    """Return the record of every block of effects with priors of their own."""
+    """Return the fleet.json record of every block of effects with priors of their own."""
     out = []
     for k, one in enumerate(final.blocks, len(final.shared)):
         outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
@@ -254,7 +254,7 @@ def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
 
 
 def in_table_names(fleet: FleetPart) -> FleetPart:
-    """Return the record with the joint names of the tables, for the report. fleet.json has the mechanism's names."""
+    """Return a fleet record with the tables' joint names, for the report; fleet.json has the mechanism's names."""
     names, renamed = table_names(fleet.joints, fleet.columns), msgspec.structs.replace
 
     def said(of: tuple[str, ...]) -> tuple[str, ...]:

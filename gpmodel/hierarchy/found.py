@@ -1,4 +1,4 @@
-"""Select effects that the machines of a type have in common, and effects of each machine alone."""
+"""Select effects that machines of one type have in common, and effects of each machine alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,8 +41,8 @@ class PooledGroup:
     """A candidate group of effects, scored on all machines.
 
     nats: net gain at the best common prior variance, nats.
-    typical: whether more than half of the machines gain at the common variance and the net gain without the best
-    machine is positive.
+    typical: whether more than half of the machines gain at the common variance, and the net gain without the machine of
+    largest gain is positive.
     """
 
     nats: float
@@ -93,14 +93,14 @@ def pooled(machines: Sequence[Residual], group: Group) -> PooledGroup:
 
 
 def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the gain of each machine by a group of effects at the best common prior variance, nats."""
+    """Return the log evidence gain of each machine by a group of effects at the best common prior variance, nats."""
     s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
     variance = float(best(s[None], q, np.array([group.cap]))[1][0])
     return np.array([_gain(of, variance, *own) for of, own in zip(machines, spectra, strict=True)])
 
 
 def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
-    """Return the gain of a group of effects on one machine at a given prior variance, nats."""
+    """Return the log evidence gain of a group of effects on one machine at a given prior variance, nats."""
     ratio = 1.0 + variance * s
     gain = 0.5 * float(np.sum(variance * q[0] ** 2 / ratio - np.log(ratio)))
     fit = fitted(np.array([variance]), s[None], q)
@@ -128,7 +128,7 @@ def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.
 
 
 def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criteria) -> dict[str, Candidate]:
-    """Delete candidates that fail given all others, the weakest first, and return the remaining candidates."""
+    """Delete candidates that fail the criteria given all others, the weakest first; return the remaining candidates."""
     while len(chosen) > 1:
         full = residuals(tuple(chosen.values()))
         nats = dict[str, float]()
@@ -160,7 +160,7 @@ def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: C
 
 
 def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
-    """Return a candidate as one group for all machines, with averaged spreads; None if one machine lacks it."""
+    """Return a candidate as one group for all machines, with averaged prior deviations; None if a machine lacks it."""
     try:
         groups = [group_of(candidate, Shapes(of.poses.states)) for of in machines]
     except InputError:
@@ -174,14 +174,14 @@ def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
 
 @dataclass(frozen=True)
 class MachineFindings:
-    """Findings of the search on one machine, and whether its held-out poses confirm them."""
+    """Effects found on one machine, and whether the machine's held-out poses confirm them."""
 
     candidates: tuple[Candidate, ...]
     confirmed: bool
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the findings."""
+        """Names of the effects found on one machine."""
         return frozenset(c.name for c in self.candidates)
 
 
@@ -195,7 +195,7 @@ class FindingsFile:
     files: Unfinished | None = None
 
     def machine(self, name: str) -> MachineFindings | None:
-        """Return the stored findings of the search named `name`, or None if there are none."""
+        """Return the stored findings of one machine's search, or None if there are none."""
         content = self.files.read(name) if self.files else None
         return None if content is None else MachineFindings(tuple(content["found"]), bool(content["confirmed"]))
 
@@ -213,7 +213,7 @@ class MachineSearch:
     """Data of the search on one machine, sent to a worker process.
 
     rows: numbers of the training and held-out poses.
-    known: effects in the machine's model from the start.
+    known: effects that the machine's model contains before the search.
     """
 
     mechanism: Mechanism
@@ -223,7 +223,7 @@ class MachineSearch:
     known: tuple[Candidate, ...] = ()
 
     def found(self) -> MachineFindings:
-        """Search the catalogue for effects of the machine, without evolution."""
+        """Search the catalogue for effects of one machine, without genetic programming."""
         result = discover(
             self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), known=self.known, seed=self.seed
         )
@@ -235,7 +235,7 @@ class MachineSearch:
         return calibrate(ErrorModel(self.mechanism, effects), self.poses.subset(self.rows[0]), seed=self.seed)
 
     def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
-        """Return the residual of the training poses with the geometry and the effects `shared`."""
+        """Return the residual of the training poses after a calibration with the geometry and the effects `shared`."""
         return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, JUDGED)
 
 
@@ -285,7 +285,7 @@ class FleetSearch:
         return chosen if chosen and self._confirmed(chosen) else ()
 
     def _confirmed(self, chosen: tuple[Candidate, ...]) -> bool:
-        """Test the effects on the held-out poses of all machines, with errors in units of each machine's noise."""
+        """Test the type's effects on held-out poses of all machines, with errors in units of each machine's noise."""
         errors, units, count = [], [], 0
         for task in self.tasks:
             fits, unseen = (task.fit(()), task.fit(chosen)), task.poses.subset(task.rows[1])

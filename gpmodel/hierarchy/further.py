@@ -31,8 +31,8 @@ LARGEST = 1e3
 """Upper bound of the ratio of a machine's distance to that of its type, and of its noise to the noise of the type."""
 
 DOUBTFUL, TWICE = 1e-3, 2.0
-"""Chance, and ratio of distances to the type's mean, from which a machine counts as different from its type. The chance
-neglects the error of the estimated prior, so that the ratio has to be at least 2 as well."""
+"""P-value, and ratio of distances from the type's mean, from which a machine counts as different from its type. The
+p-value neglects the error of the estimated prior; hence the ratio must be at least 2 as well."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class TypeComparison:
 
     @property
     def may_be_of_type(self) -> bool:
-        """True if the machine may be of its type: the distance ratio s is below TWICE or its chance above DOUBTFUL."""
+        """True if the machine may be of its type: the distance ratio s is below TWICE or its p-value above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
@@ -58,8 +58,8 @@ def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
     """Compare a machine with its type by the marginal likelihood of s ≥ 1, with the most likely σ for each s.
 
     fit: fit to the poses with the prior and the noise of the type. Effects without a prior are fitted and not compared.
-    σ is at least the noise of the type and includes errors that the effects cannot describe. The chance is half of that
-    of χ² with one degree of freedom, as s = 1 is a bound (Self and Liang 1987).
+    σ is at least the noise of the type and includes errors that the effects cannot describe. The p-value is half of
+    that of χ² with one degree of freedom, as s = 1 is a bound (Self and Liang 1987).
 
         y = X (θ - μ) + e,   θ - μ ~ N(0, s² T),   e ~ N(0, σ² 1)            y: residual without registration and tool
     """
@@ -93,10 +93,10 @@ def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
 
 
 PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
-"""Names of the last step of a further machine, and of the step before the last."""
+"""Names of the last fit of a further machine of a known type, and of the fit before."""
 
 LOUDER = 1.1
-"""Ratio of the noise to the noise of the type from which the last fit is repeated."""
+"""Ratio of a machine's noise to the noise of its type from which its last fit is repeated."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,10 @@ class Further:
     """Fits of a further machine of a known type.
 
     steps: registration, the fit to its poses alone if there are enough, and the fit with the type's prior.
-    final: the last of the fits.
+    final: the last fit.
     individual: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
-    comparison: comparison in the effects that are not outlying, or in all effects if at least half are outlying.
+    comparison: comparison with the type in the effects that are not outlying, or in all if at least half are outlying.
     """
 
     steps: tuple[Step, ...]
@@ -130,7 +130,7 @@ class Further:
         return f"is unlike the machines of its type: {times} times as far from the mean, p {chance}"
 
     def without_prior(self, poses: Poses, argument: str) -> str:
-        """State that the prior is not used; empty if the machine may be of the type.
+        """State that the prior of the type is not used; empty if the machine may be of the type.
 
         Raises InputError for `argument` if the poses are too few without the prior.
         """
@@ -142,7 +142,7 @@ class Further:
         return said
 
     def in_words(self, poses: Poses) -> str:
-        """State how many poses the prior is worth, and the effects in which a machine of the type differs from it."""
+        """State how many poses the type's prior is worth, and the effects in which a machine of the type deviates."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.individual is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
@@ -174,7 +174,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
-    """Return the step of the registration and, if the machine has enough poses, the step of its fit alone."""
+    """Return the fit of registration alone and, if the machine has enough poses, the fit without the type's prior."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
         return fit_steps(prior.mechanism, nested_models(bare, ()), seen, unseen, seed=seed)
@@ -185,10 +185,10 @@ def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, 
 def from_the_type(
     fleet: FleetPart, mechanism: Mechanism, loop: "partial[Discovery]", poses: Poses, train: IntArray, heldout: IntArray
 ) -> Discovery:
-    """Run the discovery loop with the effects and priors of the type as its standard model.
+    """Search for missing effects of a machine, with the effects and priors of its type as standard model.
 
-    Findings of the loop are in addition to the effects of the type. If the noise of the machine's poses exceeds that of
-    the type, the fit to all poses is repeated with the larger noise.
+    The findings are in addition to the effects of the type. If the noise of the machine's poses exceeds that of the
+    type, the fit to all poses is repeated with the larger noise.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
     believed = replace(machine.final.model, noise=fleet.noise)
@@ -210,7 +210,7 @@ def from_the_type(
 def alone_steps(found: Discovery) -> tuple[Step, ...]:
     """Return the fit to the machine's poses without the prior, with errors on the poses that `found` held out.
 
-    The result is empty if the poses are too few for a fit without the prior.
+    Nothing is returned if the poses are too few for a fit without the prior.
     """
     rows = found.poses.dataset.row
     errors = np.full(len(rows), np.nan)

@@ -1,6 +1,6 @@
 """fleet.json: mean, spread and machines of one type, with a bound on every value.
 
-Values in fleet.json are in SI units, stated with each value; lengths that end in `_mm` are millimetres.
+Values in fleet.json are in SI units, stated with each value; fields that end in `_mm` are in millimetres.
 """
 
 import math
@@ -40,7 +40,7 @@ from gpmodel.texts import SEAL, read_toml, seal
 
 TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
-"""Prefixes of files that are not tables. Excel writes a file `~$...` next to an open table."""
+"""Prefixes of file names that are not tables. Excel writes a file `~$...` next to an open table."""
 LONGEST_NAME = 60
 """Largest number of characters of the folder name of a machine."""
 ABOUT = "fleet.toml"
@@ -49,7 +49,7 @@ EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
 @dataclass(frozen=True)
 class Folder:
-    """The tables of a folder by the serial number of their machine, and the mechanism if fleet.toml states one."""
+    """The tables of a folder by serial number of the machine, and the mechanism if fleet.toml states one."""
 
     tables: Mapping[str, Path]
     mechanism: str | None
@@ -110,7 +110,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def _said(path: Path) -> tuple[str | None, dict[str, str]]:
-    """Return the mechanism and the serials of a fleet.toml; None and no serials without such a file."""
+    """Return the mechanism and the serial numbers from a fleet.toml; None and no serials without the file."""
     if not path.exists():
         return None, {}
     content = read_toml(path, EXPECTED)
@@ -162,7 +162,7 @@ class MachinePart(msgspec.Struct, frozen=True):
 
 
 class SharedPart(msgspec.Struct, frozen=True):
-    """A parameter over the machines of a type.
+    """Record of a parameter over the machines of a type.
 
     mean, stderr, spread: mean over the type, its standard error, spread between machines. low, high: 95 % interval of
     the spread.
@@ -195,7 +195,7 @@ class SharedPart(msgspec.Struct, frozen=True):
 
 
 class PriorPart(msgspec.Struct, frozen=True):
-    """Prior of an effect of a further machine: mean and standard deviation."""
+    """Prior of an effect for a further machine of a type: mean and standard deviation."""
 
     name: Label
     family: Name
@@ -206,7 +206,7 @@ class PriorPart(msgspec.Struct, frozen=True):
 
     @property
     def effect(self) -> Effect:
-        """The effect with its prior for a further machine."""
+        """The effect with its prior for a further machine of the type."""
         terms = tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in self.terms)
         return Effect(self.name, terms, self.unit, self.family, self.deviation, self.mean)
 
@@ -290,12 +290,12 @@ class FleetPart(msgspec.Struct, frozen=True):
         return math.exp(self.parameters[-1].mean)
 
     def outliers(self) -> list[tuple[int, Part]]:
-        """Return pairs of an outlying machine and the parameter or block, the least probable first."""
+        """Return pairs of an outlying machine and its deviating parameter or block, the least probable first."""
         found = [(k, part) for part in self.parts for k in part.outliers]
         return sorted(found, key=lambda one: one[1].chances[one[0]])
 
     def worst_first(self) -> list[int]:
-        """Return the machines in order of their least chance in any parameter or block, then of the largest |z|."""
+        """Return the machines in order of their smallest p-value in any parameter or block, then of the largest |z|."""
         return sorted(range(len(self.machines)), key=lambda k: (self.worst(k).chances[k], -abs(self.worst(k).z[k])))
 
     def worst(self, machine: int) -> Part:
@@ -331,7 +331,7 @@ def check_serial(serial: object) -> None:
 
 
 def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
-    """Return effects and their priors as records."""
+    """Return effects and their priors as records for fleet.json."""
     return tuple(
         PriorPart(
             e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
@@ -342,7 +342,7 @@ def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
 
 
 def fleet_text(fleet: FleetPart) -> str:
-    """Return the text of fleet.json with its checksum."""
+    """Return the text of fleet.json, including its checksum."""
     content = msgspec.to_builtins(fleet)
     return to_json(content | {SEAL: seal(content)})
 
