@@ -6,7 +6,6 @@ From the root of the repository: python -m experiments.attacks.api [--cases 600]
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import os
 import shutil
@@ -25,6 +24,7 @@ import pandas as pd
 
 import gpmodel as gp
 from experiments.attacks.run import HERE, LONGEST, slow
+from experiments.options import parsed
 from gpmodel.files import to_json, write_text
 
 VALUES: tuple[Any, ...] = (
@@ -95,11 +95,7 @@ def bad(make: Callable[[], Any]) -> str:
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Draw so many of all cases and write api.json."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=600)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=HERE)
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, cases=600, seed=0, out=HERE)
     out, found = given.out.resolve(), []
     signal.signal(signal.SIGPROF, slow)
     with tempfile.TemporaryDirectory() as at:

@@ -7,7 +7,6 @@ From the root of the repository: python -m experiments.attacks.run [--cases 2000
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -23,6 +22,7 @@ from click.testing import CliRunner
 
 import gpmodel as gp
 from experiments.attacks.cases import Case, descriptions, options, saved, sights, tables
+from experiments.options import parsed
 from gpmodel.api.results import write_numbers
 from gpmodel.cli.main import main as program
 from gpmodel.files import to_json, write_text
@@ -59,11 +59,7 @@ def slow(*_: object) -> None:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=HERE)
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, cases=2000, seed=0, out=HERE)
     out, tried, found = given.out.resolve(), Counter[str](), []
     signal.signal(signal.SIGPROF, slow)
     with tempfile.TemporaryDirectory() as at:

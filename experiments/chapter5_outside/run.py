@@ -3,7 +3,6 @@
 python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--processes 2]
 """
 
-import argparse
 import io
 import json
 from pathlib import Path
@@ -15,6 +14,7 @@ import pandas as pd
 
 import gpmodel as gp
 from experiments.chapter5_outside.elastic_arm import PAYLOAD, PAYLOAD_CENTRE, POSES, TRAINING, table
+from experiments.options import parsed
 from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.evolution.linear import Linear
@@ -91,12 +91,8 @@ def summary(robots: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(prog="python -m experiments.chapter5_outside.run", description=__doc__)
-    for name, default in (("robots", 20), ("rigid", 5), ("processes", 2)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
-    command = f"{parser.prog} --robots {chosen.robots} --rigid {chosen.rigid}"
+    chosen = parsed(__doc__, arguments, robots=20, rigid=5, processes=2, out=HERE)
+    command = f"python -m experiments.chapter5_outside.run --robots {chosen.robots} --rigid {chosen.rigid}"
     jobs = [*((seed, True) for seed in range(chosen.robots)), *((seed, False) for seed in range(chosen.rigid))]
     found: dict[int, dict[str, Any]] = {}
     for number, robot in Forks(chosen.processes)(_one, jobs):

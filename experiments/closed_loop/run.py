@@ -6,7 +6,6 @@ tool is. Errors are in the frame of the calibration's own registration, as a use
 From the root of the repository: python -m experiments.closed_loop.run [--targets 500]
 """
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -22,6 +21,7 @@ from experiments.blind.machine import Machine
 from experiments.blind.robot import world_of
 from experiments.blind.session import Route
 from experiments.blind.simulator import Array, draw_poses
+from experiments.options import parsed
 from gpmodel.files import to_json, write_text
 from gpmodel.numerics.se3 import chain
 
@@ -97,10 +97,7 @@ def study(case: str, effects: tuple[str, ...], targets: int) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--targets", type=int, default=500)
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, targets=500, out=Path(__file__).with_name("results.json"))
     cases = {case: study(case, effects, given.targets) for case, effects in CASES.items()}
     results = {"command": f"python -m experiments.closed_loop.run --targets {given.targets}", "cases": cases}
     write_text(given.out, to_json(results))

@@ -7,7 +7,6 @@ cameras, whose readings are the only thing that noise is in. Started again it le
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ import gpmodel as gp
 from experiments.instruments.judge import POSES, table
 from experiments.instruments.measuring import session
 from experiments.instruments.robots import description, machine
+from experiments.options import parsed
 from gpmodel.numerics.interval import coverage_factor
 
 NAMED = {
@@ -69,10 +69,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
-    given = parser.parse_args()
+    given = parsed(__doc__, robots=20, out=Path)
     rows: list[Row] = json.loads(given.out.read_text())["robots"] if given.out.exists() else []
     done = {(row["kind"], row["seed"]) for row in rows}
     for seed in range(100, 100 + given.robots):

@@ -7,7 +7,6 @@ counts where its findings have more than one cause, or nothing is found. Started
 
 from __future__ import annotations
 
-import argparse
 import json
 import shlex
 import sys
@@ -21,6 +20,7 @@ import numpy as np
 
 from experiments.blind.case import Case, effect
 from experiments.coverage.truth import exact, hall, poses_at
+from experiments.options import parsed
 from experiments.spherical_joint.rigs import JOINT, rig_of
 from gpmodel.api.discover import discover
 from gpmodel.application.over_causes import over_causes
@@ -163,13 +163,7 @@ def _covered(rows: list[Row]) -> Row:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--arms", type=int, default=100)
-    parser.add_argument("--rigs", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=np.inf, help="no further machine after so many")
-    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
-    chosen = parser.parse_args()
+    chosen = parsed(__doc__, arms=100, rigs=20, first=0, seconds=np.inf, out=Path)
     rows: list[Row] = json.loads(chosen.out.read_text())["machines"] if chosen.out.exists() else []
     done = {(kind, row[kind]) for row in rows for kind in ("arm", "rig") if kind in row}
     command = shlex.join(["python", "-m", "experiments.coverage.causes", *sys.argv[1:]])

@@ -7,7 +7,6 @@ propagation is confirmed where both agree.
 
 from __future__ import annotations
 
-import argparse
 import json
 import shlex
 import sys
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from experiments.coverage.truth import hall, machine_of
+from experiments.options import parsed
 from gpmodel.api.calibrate import calibrate as calibrate_table
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.model.error_model import observe
@@ -51,11 +51,7 @@ def compared(number: int, worlds: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--machines", default="0,1,11", help="numbers, with commas")
-    parser.add_argument("--worlds", type=int, default=60)
-    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
-    settings = parser.parse_args()
+    settings = parsed(__doc__, machines="0,1,11", worlds=60, out=Path)
     rows = [compared(int(number), settings.worlds) for number in settings.machines.split(",")]
     command = shlex.join(["python", "-m", "experiments.coverage.monte_carlo", *sys.argv[1:]])
     settings.out.write_text(json.dumps({"command": command, "machines": rows}, indent=1) + "\n")

@@ -6,7 +6,6 @@ micrometre or refused; calibrated.urdf is also read by Pinocchio. This command w
 root of the repository: python -m experiments.exports.run
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import gpmodel as gp
+from experiments.options import parsed
 from gpmodel.application.exports.make import Exports, merged, parts_of
 from gpmodel.application.exports.programs import LANGUAGES, program_read
 from gpmodel.application.exports.rigid import measured_link
@@ -147,10 +147,7 @@ def table(studies: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE)
-    parser.add_argument("--arms", type=int, default=len(ARMS), help="How many of the second table.")
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, out=HERE, arms=len(ARMS))
     results = {"command": "python -m experiments.exports.run", "effects": CASES,
                "studies": {arm: study(arm, effects) for arm, effects in CASES.items()},
                "geometry": {arm: geometry(arm) for arm in ARMS[: given.arms]}}  # fmt: skip

@@ -5,7 +5,6 @@ From the root of the repository, with the files of experiments/ur10_measured:
 python -m experiments.fleet.measured --data FOLDER
 """
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 import gpmodel as gp
 from experiments import measured
+from experiments.options import parsed
 from gpmodel.api.fleet import FleetResult
 from gpmodel.arrays import IntArray
 from gpmodel.errors import InputError
@@ -52,10 +52,7 @@ def later_errors(few: Dataset, later: Dataset, three: FleetResult) -> dict[str, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="folder of the original files")
-    parser.add_argument("--poses", type=int, default=100, help="of each session")
-    given = parser.parse_args()
+    given = parsed(__doc__, data=Path, poses=100)
     if not all((given.data / file).is_file() for file in SERIES.values()):
         sys.exit(f"{given.data} has not {' and '.join(SERIES.values())}: nothing measured here")
     data = {name: measured.load(given.data / file, COLUMNS, "ur10").dataset for name, file in SERIES.items()}

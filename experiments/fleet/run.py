@@ -4,7 +4,6 @@ poses is a thirteenth known as well as with the fleet's prior?
 From the root of the repository: python -m experiments.fleet.run [--seeds 1] [--further 3]
 """
 
-import argparse
 import itertools
 import tempfile
 from pathlib import Path
@@ -16,6 +15,7 @@ import gpmodel as gp
 from experiments.blind.arms import ARMS
 from experiments.blind.files import urdf
 from experiments.fleet.machines import CASE, NAMED, SPREAD, Built, built, mean_amounts, table
+from experiments.options import parsed
 from gpmodel.files import to_json, write_text
 from gpmodel.hierarchy.record import FleetPart
 
@@ -80,10 +80,7 @@ def study(seed: int, count: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--further", type=int, default=3)
-    given = parser.parse_args()
+    given = parsed(__doc__, seeds=1, further=3)
     studies = [study(seed, given.further) for seed in range(given.seeds)]
     every = [run for s in studies for run in s["further"]]
     mean = {

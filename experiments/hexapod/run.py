@@ -3,7 +3,6 @@
 python -m experiments.hexapod.run [--machines 10] [--innocent 5] [--out FOLDER]
 """
 
-import argparse
 import io
 import json
 from pathlib import Path
@@ -14,6 +13,7 @@ import pandas as pd
 
 import gpmodel as gp
 from experiments.hexapod.simulator import LEAD, table
+from experiments.options import parsed
 from gpmodel.evolution.linear import Linear
 from gpmodel.report.origin import versions
 
@@ -66,18 +66,14 @@ def medians(machines: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(prog="python -m experiments.hexapod.run", description=__doc__)
-    for name, default in (("machines", 10), ("innocent", 5)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
+    chosen = parsed(__doc__, arguments, machines=10, innocent=5, out=HERE)
     cases = [(s, True) for s in range(chosen.machines)] + [(s, False) for s in range(chosen.innocent)]
     machines: list[dict[str, Any]] = []
     results: dict[str, Any] = {}
     for seed, planted in cases:
         machines.append(one_machine(seed, planted))
         print(machines[-1], flush=True)
-        command = f"{parser.prog} --machines {chosen.machines} --innocent {chosen.innocent}"
+        command = f"python -m experiments.hexapod.run --machines {chosen.machines} --innocent {chosen.innocent}"
         head = {"command": command, "versions": versions(), "conclusions": conclusions(machines)}
         results = {**head, "median_heldout_rms_um": medians(machines), "machines": machines}
         (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")

@@ -4,7 +4,6 @@ From the root of the repository: python -m experiments.instruments.run [--robots
 Every machine is kept when it is finished; a run that was interrupted goes on, and `--robots 30` adds ten.
 """
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from experiments.instruments.judge import POSES, judge
+from experiments.options import parsed
 from experiments.tables import write_table
 from gpmodel.files import to_json, write_text
 
@@ -71,11 +71,7 @@ def cells(told: dict[str, Row]) -> list[list[object]]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(prog="python -m experiments.instruments.run", description=__doc__)
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--kinds", default=",".join(POSES))
-    parser.add_argument("--out", type=Path, default=HERE / "results.json")
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, robots=20, kinds=",".join(POSES), out=HERE / "results.json")
     rows: list[Row] = json.loads(given.out.read_text())["machines"] if given.out.is_file() else []
     known = {(r["kind"], r["seed"], r["guilty"]) for r in rows}
     results: dict[str, Any] = {}
@@ -85,9 +81,16 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
                 if (kind, seed, guilty) not in known:
                     rows.append(judge(kind, seed, guilty))
                     print(rows[-1], flush=True)
-                    results = {"command": f"{parser.prog} --robots {given.robots}", "summary": summary(rows)}
+                    results = {
+                        "command": f"python -m experiments.instruments.run --robots {given.robots}",
+                        "summary": summary(rows),
+                    }
                     write_text(given.out, to_json({**results, "machines": rows}))
-    results = {"command": f"{parser.prog} --robots {given.robots}", "summary": summary(rows), "machines": rows}
+    results = {
+        "command": f"python -m experiments.instruments.run --robots {given.robots}",
+        "summary": summary(rows),
+        "machines": rows,
+    }
     write_text(given.out, to_json(results))
     write_table(given.out.with_name("README.md"), "instruments", HEADER, cells(results["summary"]))
     return results

@@ -5,7 +5,6 @@ From the root of the repository: python -m experiments.layouts.run [--only NAME]
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from click.testing import CliRunner
 import gpmodel as gp
 from experiments.layouts.later import LATER
 from experiments.layouts.written import WRITTEN, Case
+from experiments.options import parsed
 from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
 from gpmodel.report.origin import versions
@@ -69,10 +69,7 @@ def flaw(made: Path, case: Case) -> str:
 
 def main() -> None:
     """Write results.json and the table of the README."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
-    given = parser.parse_args()
+    given = parsed(__doc__, only="", out=Path(__file__).parent)
     rows = []
     for part, layouts in (("before", WRITTEN), ("after", LATER)):
         for make in layouts:

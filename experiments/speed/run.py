@@ -5,7 +5,6 @@ gplearn is timed where it is installed. Wall times are medians and bests of one 
 CPU seconds (all threads) depend less on what else the machine does.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.options import parsed
 from experiments.speed.peers import EFFECTS, cold_start, deap_evaluate, full_trees, gplearn_evaluate, planted
 from experiments.tables import write_table
 from gpmodel.discovery.search import Search
@@ -203,10 +203,7 @@ def write_tables(results: dict[str, Any], readme: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
-    chosen = parser.parse_args()
+    chosen = parsed(__doc__, repeats=9, out=Path(__file__).parent)
     results = {
         "command": f"python -m experiments.speed.run --repeats {chosen.repeats}",
         "machine": {

@@ -7,7 +7,6 @@ All poses choose; five repetitions of the whole choice, each without a fifth of 
 puts it at so many standard deviations that it alone would pass the acceptance rule.
 """
 
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.options import parsed
 from experiments.spherical_joint.rig import Rig
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
@@ -155,13 +155,9 @@ def coverage(count: int, on_axis: bool) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(prog="python -m experiments.spherical_joint.rigs", description=__doc__)
-    parser.add_argument("--rigs", type=int, default=10)
-    parser.add_argument("--covered", type=int, default=200)
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
+    chosen = parsed(__doc__, arguments, rigs=10, covered=200, out=HERE)
     results: dict[str, Any] = {
-        "command": f"{parser.prog} --rigs {chosen.rigs} --covered {chosen.covered}", "versions": versions(),
+        "command": f"python -m experiments.spherical_joint.rigs --rigs {chosen.rigs} --covered {chosen.covered}", "versions": versions(),
     }  # fmt: skip
     for ball, on_axis in (("ball on the yaw axis", True), ("ball off the axis", False)):
         kinds: dict[str, Any] = {}

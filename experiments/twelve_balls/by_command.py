@@ -4,7 +4,6 @@ From the root of the repository:
 python -m experiments.twelve_balls.by_command [--machines 20] [--first 931] [--out FOLDER]
 """
 
-import argparse
 import json
 import resource
 import subprocess
@@ -13,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from experiments.options import parsed
 from experiments.twelve_balls.run import HERE, POSES
 from experiments.twelve_balls.simulator import BALLS, MACHINES, table
 from gpmodel.report.origin import versions
@@ -40,17 +40,14 @@ def one_machine(seed: int, folder: Path) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run all machines and write hexapod_by_command.json after each."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.twelve_balls.by_command", description=__doc__)
-    parser.add_argument("--machines", type=int, default=20)
-    parser.add_argument("--first", type=int, default=931)
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen, done = parser.parse_args(arguments), list[dict[str, Any]]()
+    chosen = parsed(__doc__, arguments, machines=20, first=931, out=HERE)
+    done: list[dict[str, Any]] = []
     for seed in range(chosen.first, chosen.first + chosen.machines):
         with tempfile.TemporaryDirectory() as folder:
             done.append(one_machine(seed, Path(folder)))
         print(done[-1], flush=True)
         results = {
-            "command": f"{parser.prog} --machines {len(done)} --first {chosen.first}", "versions": versions(),
+            "command": f"python -m experiments.twelve_balls.by_command --machines {len(done)} --first {chosen.first}", "versions": versions(),
             "ended in a report": f"{sum(m['report'] and not m['status'] for m in done)} of {len(done)}",
             "the bad ball is named, and nothing else": f"{sum(m['right'] for m in done)} of {len(done)}",
             "machines": done,

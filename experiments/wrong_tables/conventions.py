@@ -6,13 +6,13 @@ python -m experiments.wrong_tables.conventions [--robots 10] [--only KIND] [--ou
 
 from __future__ import annotations
 
-import argparse
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from experiments.options import parsed
 from experiments.wrong_tables.kinds import ARMS, KINDS, Change, Table, column, joints, measured, part, points, turned
 from experiments.wrong_tables.run import OFFSETS, judged
 from gpmodel.files import to_json, write_text
@@ -84,11 +84,7 @@ def named(table: Table, kind: str, seed: int) -> tuple[bool, list[str]]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=len(ARMS))
-    parser.add_argument("--only", default="")
-    parser.add_argument("--out", type=Path, default=HERE)
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, robots=len(ARMS), only="", out=HERE)
     rows: dict[str, list[str]] = {kind: [] for kind in CURES if given.only in kind}
     for seed, arm in enumerate(ARMS[: given.robots]):
         table = measured(arm, seed, offset=OFFSETS[seed % 2])

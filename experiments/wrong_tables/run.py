@@ -7,7 +7,6 @@ With --robots 0 the wrong tables of the last run are kept.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
 from dataclasses import replace
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import gpmodel as gp
+from experiments.options import parsed
 from experiments.wrong_tables.kinds import ARMS, KINDS, Table, measured
 from gpmodel.files import to_json, write_text
 from gpmodel.texts import parse_json
@@ -79,11 +79,7 @@ def sound(count: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=len(ARMS))
-    parser.add_argument("--sound", type=int, default=200)
-    parser.add_argument("--out", type=Path, default=HERE)
-    given = parser.parse_args(arguments)
+    given = parsed(__doc__, arguments, robots=len(ARMS), sound=200, out=HERE)
     kinds = wrong(given.robots) if given.robots else parse_json((HERE / "results.json").read_text())["kinds"]
     good, refused = sound(given.sound)
     tables = sum(n for counts in kinds.values() for n in counts.values() if isinstance(n, int))

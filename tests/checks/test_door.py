@@ -28,11 +28,6 @@ from gpmodel.table.read import dataset_from
 from robots.urdf import read_urdf
 
 GOOD = table(60)
-ARM = """<robot name="two"><link name="l0"/><link name="l1"/><link name="l2"/>
-<joint name="first" type="revolute"><parent link="l0"/><child link="l1"/><axis xyz="0 0 1"/>
-<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-<joint name="second" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
 
 
 def warned(frame: pd.DataFrame) -> str:
@@ -93,51 +88,6 @@ def test_what_nothing_measures_is_refused(case: str) -> None:
         gp.check("irb6400r", GOOD.assign(**column)).refuse()
 
 
-MECHANISMS = {
-    "floating": (ARM.replace('"second" type="revolute"', '"second" type="floating"'), "joint 'second' is floating"),
-    "planar": (ARM.replace('"second" type="revolute"', '"second" type="planar"'), "joint 'second' is planar"),
-    "mimic of nobody": (
-        ARM.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="nope"/>'),
-        "joint 'second' mimics 'nope', which is no moving joint of the file; expected one of first, second",
-    ),
-    "an arm of 1e200 m": (ARM.replace("0.5 0 0", "0 0 1e200"), "1e+200 m; expected at most 1000 m"),
-    "a frame turned by 1e300": (ARM.replace('"0.5 0 0"', '"0.5 0 0" rpy="1e300 0 0"'), "1e+300 rad; expected at most"),
-    "two parents": (
-        ARM.replace("</robot>", '<joint name="c" type="fixed"><parent link="l0"/><child link="l2"/></joint></robot>'),
-        "'l2' is the child of two joints",
-    ),
-    "two roots": (ARM.replace("</robot>", '<link name="l9"/></robot>'), "l0, l9 without a parent; expected one"),
-}
-
-
-@pytest.mark.parametrize("case", MECHANISMS)
-def test_joints_and_lengths_of_no_machine_are_refused(case: str, tmp_path: Path) -> None:
-    text, said = MECHANISMS[case]
-    (tmp_path / "arm.urdf").write_text(text)
-    assert said in one_line(run("poses", "--mechanism", tmp_path / "arm.urdf", "-n", 3), 2)
-
-
-ROWS = {
-    "a_mm = 1e300": "1e+297 m; expected at most 1000 m",
-    "alpha_deg = 1e300": "rad; expected at most 1000 rad",
-    "lower_deg = -1e300\nupper_deg = 9": "rad; expected at most 1000 rad",
-    "a_mm = 5\n[tool]\nxyz_m = [5000, 0, 0]": "5000 m; expected at most 1000 m",
-}
-
-
-@pytest.mark.parametrize("row", ROWS)
-def test_denavit_hartenberg_rows_of_no_machine_are_refused(row: str, tmp_path: Path) -> None:
-    (tmp_path / "arm.toml").write_text(f"convention = 'standard'\n[[joint]]\na_mm = 100\n[[joint]]\n{row}\n")
-    assert ROWS[row] in one_line(run("poses", "--mechanism", tmp_path / "arm.toml", "-n", 3), 2)
-
-
-def test_gravity_in_millimetres_is_refused(tmp_path: Path) -> None:
-    rows = "[[joint]]\na_mm = 100\n" * 2
-    (tmp_path / "arm.toml").write_text(f"convention = 'standard'\ngravity_m_s2 = [0, 0, -9810]\n{rows}")
-    said = one_line(run("poses", "--mechanism", tmp_path / "arm.toml", "-n", 3), 2)
-    assert "-9810 m/s**2; expected at most 100 m/s**2" in said
-
-
 OPTIONS = {
     ("check", "t.csv", "--mechanism", "irb6400r", "--out", ""): "'--out': '' is no path",
     ("check", "t.csv", "--mechanism", "irb6400r", "--cameras", "c.toml"): "--cameras: t.csv has no column u or v",
@@ -175,12 +125,6 @@ def test_a_long_text_is_quoted_in_part(tmp_path: Path) -> None:
     said = run("calibrate", path, "--mechanism", "irb6400r", "--quiet", "--effect", "y" * 5000).stderr
     assert "y" * QUOTED in said
     assert "y" * (QUOTED + 1) not in said
-
-
-def test_a_comment_on_top_is_called_no_header(tmp_path: Path) -> None:
-    path = write(GOOD, tmp_path / "t.csv")
-    path.write_text(f"# measured on Monday\n{path.read_text()}")
-    assert "line 1: '# measured on Monday' is no header" in one_line(run("check", path, "--mechanism", "irb6400r"), 2)
 
 
 def test_of_many_rows_a_part_is_judged_and_that_is_said() -> None:
@@ -223,19 +167,6 @@ def urdf(tmp_path: Path, old: str = "", new: str = "") -> Path:
     path = tmp_path / "arm.urdf"
     path.write_text(ARM_BLAMED.replace(old, new))
     return path
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('"-2" upper="2"', '"-150" upper="150"', "joint 'j': limits -150 to 150 rad look like degrees; expected rad"),
-        ("joint", "Joint", "element <Joint> is unknown; expected <joint>"),
-        ("<axis", "<Axis", "element <Axis> is unknown; expected <axis>"),
-    ],
-)
-def test_a_urdf_in_degrees_or_capitals_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        read_urdf(urdf(tmp_path, old, new))
 
 
 def test_limits_that_say_there_are_none_stay_allowed(tmp_path: Path) -> None:

@@ -156,37 +156,6 @@ def test_bad_file_is_refused(case: str, tmp_path: Path) -> None:
     assert said in line
 
 
-MECHANISMS = {
-    "unknown": ("hal9000", None, "'hal9000' is unknown"),
-    "missing URDF": ("missing.urdf", None, "missing.urdf"),
-    "no XML": ("bad.urdf", "robots are great", "not well-formed"),
-    "cut off": ("bad.urdf", "<robot name='a'><link name='b'", "not well-formed"),
-    "another XML": ("bad.urdf", "<html></html>", "expected <robot>"),
-    "no joints": ("bad.urdf", "<robot name='a'><link name='b'/></robot>", "no moving joint"),
-    "mass that is no number": (
-        "bad.urdf",
-        "<robot name='a'><link name='b'/><link name='c'><inertial><mass value='nan'/><inertia ixx='1' ixy='0' ixz='0' "
-        "iyy='1' iyz='0' izz='1'/></inertial></link><joint name='j' type='continuous'><parent link='b'/><child "
-        "link='c'/></joint></robot>",
-        "a mass is 'nan', expected a finite number",
-    ),
-    "no TOML": ("bad.toml", "name = [", "bad.toml"),
-    "TOML without joints": ("bad.toml", "name = 'a'", "bad.toml"),
-}
-
-
-@pytest.mark.parametrize("case", MECHANISMS)
-def test_bad_mechanism_is_refused(case: str, tmp_path: Path) -> None:
-    name, content, said = MECHANISMS[case]
-    path = write(GOOD, tmp_path / "measured.csv")
-    if content is not None:
-        (tmp_path / name).write_text(content)
-    where = tmp_path / name if "." in name else name
-    line = one_line(run("calibrate", path, "--mechanism", where, "--out", tmp_path / "out"), 2)
-    assert said in line
-    assert not (tmp_path / "out").exists()
-
-
 def test_missing_table_names_the_file(tmp_path: Path) -> None:
     line = one_line(run("check", tmp_path / "nothing.csv", "--mechanism", "irb6400r"), 2)
     assert "nothing.csv" in line

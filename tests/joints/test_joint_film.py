@@ -32,56 +32,14 @@ JOINT = FilmGeometry(25.4e-3, 75.95 * DEG, 20 * DEG, 10.01e-6)
 PRELOAD = 100.69
 ORIFICES: list[Orifice] = [LinearOrifice(), NozzleOrifice(50.8e-6, 1.0)]
 
-# Table 4.2: displacement [um], gap [um], flow [sccm], stiffness [N/um], resistance ratio, socket, orifice, inlet [atm]
-TABLE_4_2 = np.array(
-    [
-        (30, 14.9, 74.5, 9.7, 11.1, 0.5, 1.9, 2.4),
-        (32, 15.3, 82.0, 9.4, 12.6, 0.5, 2.2, 2.7),
-        (34, 15.8, 90.1, 9.1, 14.2, 0.5, 2.5, 3.0),
-        (36, 16.3, 98.6, 8.9, 15.9, 0.5, 2.8, 3.3),
-        (38, 16.8, 107.7, 8.6, 17.7, 0.5, 3.1, 3.6),
-        (40, 17.3, 117.3, 8.4, 19.6, 0.5, 3.4, 3.9),
-        (42, 17.8, 127.4, 8.1, 21.6, 0.5, 3.7, 4.3),
-        (44, 18.3, 138.2, 7.9, 23.7, 0.5, 4.1, 4.6),
-        (46, 18.7, 149.5, 7.7, 26.0, 0.5, 4.5, 5.0),
-        (48, 19.2, 161.4, 7.5, 28.4, 0.5, 4.9, 5.4),
-        (50, 19.7, 173.9, 7.3, 30.8, 0.5, 5.3, 5.9),
-    ]
-)
-GUIDE = design_film(JOINT, PRELOAD, LinearOrifice(), TABLE_4_2[:, 0] * 1e-6)
 
 
-@pytest.mark.parametrize(
-    ("column", "computed"),
-    [
-        (1, GUIDE.gap * 1e6),
-        (2, GUIDE.flow / SCCM),
-        (3, GUIDE.published_stiffness * 1e-6),
-        (5, GUIDE.socket_pressure / ATMOSPHERE),
-        (7, GUIDE.inlet_pressure / ATMOSPHERE),
-    ],
-)
-def test_design_guide_columns_to_the_printed_digit(column: int, computed: np.ndarray) -> None:
-    assert np.round(computed, 1).tolist() == TABLE_4_2[:, column].tolist()
 
 
-def test_design_guide_orifice_and_ratio_columns() -> None:
-    """From the inferred P_o[atm] = 0.03445 Q[sccm] - 0.638. No straight line gives every printed digit of the orifice,
-    inlet and ratio columns; this one misses three of 33 cells, by less than 0.006 beyond rounding."""
-    drop, ratio = GUIDE.orifice_drop / ATMOSPHERE, GUIDE.resistance_ratio
-    assert TABLE_4_2[np.round(drop, 1) != TABLE_4_2[:, 6], 0].tolist() == [42, 50]
-    assert TABLE_4_2[np.round(ratio, 1) != TABLE_4_2[:, 4], 0].tolist() == [48]
-    assert np.abs(drop - TABLE_4_2[:, 6]).max() < 0.056
-    assert np.abs(ratio - TABLE_4_2[:, 4]).max() < 0.056
 
 
-def test_socket_pressure_is_0_52_atmospheres() -> None:
-    assert round(float(supporting_pressure(JOINT, PRELOAD)) / ATMOSPHERE, 2) == 0.52
 
 
-def test_arc_lengths_of_figure_4_17() -> None:
-    assert round(JOINT.orifice_length * 1e3, 1) == 11.5
-    assert round(JOINT.socket_length * 1e3, 1) == 32.2
 
 
 def test_linearised_stiffness_of_figure_4_17() -> None:
@@ -109,11 +67,6 @@ def test_gap_origin_of_figures_4_10_and_4_12() -> None:
     assert round(float(JOINT.clearance + 30e-6 * np.cos(JOINT.socket_angle)) * 1e6, 1) == 17.3
 
 
-def test_text_of_section_4_2_2_disagrees_with_its_own_table() -> None:
-    """It names 38 um, 15 um, 5.6 N/um and 2.7 atm; the table's row is 16.8 um, 8.6 N/um and 3.6 atm."""
-    row = design_film(JOINT, PRELOAD, LinearOrifice(), 38e-6)
-    assert [round(float(v), 1) for v in (row.gap * 1e6, row.published_stiffness * 1e-6)] == [16.8, 8.6]
-    assert round(float(row.inlet_pressure) / ATMOSPHERE, 1) == 3.6
 
 
 def test_pad_load_integrates_the_pressure_profile() -> None:
@@ -153,10 +106,6 @@ def test_stiffnesses_are_slopes_of_the_load(orifice: Orifice, lift: float) -> No
     assert float(at.stiffness_constant_flow) == pytest.approx((loads[0] - loads[1]) / (2 * step), rel=1e-6)
 
 
-def test_constant_inlet_stiffness_is_near_the_measured_4_5() -> None:
-    """Against 9.7 to 7.3 N/um in print; measured 4.5 (Table 4.3)."""
-    stiffness = GUIDE.stiffness_constant_inlet * 1e-6
-    assert (round(float(stiffness[0]), 1), round(float(stiffness[-1]), 1)) == (4.1, 3.4)
 
 
 def test_choked_orifices_keep_the_constant_flow_stiffness() -> None:
@@ -178,12 +127,6 @@ def test_unloaded_film_has_no_resistance_ratio() -> None:
     assert float(row.flow) == 0.0
 
 
-def test_film_is_vectorised_over_a_million_displacements() -> None:
-    lift = np.random.default_rng(0).uniform(20e-6, 60e-6, 1_000_000)
-    design = design_film(JOINT, PRELOAD, LinearOrifice(), lift)
-    one = design_film(JOINT, PRELOAD, LinearOrifice(), lift[123_456])
-    assert design.inlet_pressure.shape == (1_000_000,)
-    assert design.inlet_pressure[123_456] == float(one.inlet_pressure)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +160,6 @@ def test_impossible_films_are_refused(call: object, words: str) -> None:
     assert "\n" not in str(refusal.value)
 
 
-GEOMETRY = FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6)
 ORIFICES_FIT = (LinearOrifice(0.03445 * ATMOSPHERE / SCCM, 0.638 * ATMOSPHERE), NozzleOrifice(100e-6))
 LIFT, LOAD = np.tile(np.linspace(10e-6, 40e-6, 8), 2), np.repeat([60.0, 100.0], 8)
 
@@ -313,10 +255,6 @@ def test_fast_motion_traps_the_air() -> None:
     assert fast[1] == pytest.approx(trapped, rel=0.01)
 
 
-def test_damping_never_feeds_energy() -> None:
-    impedance = squeeze_impedance(JOINT, 30e-6, np.geomspace(0.1, 1e5, 40))
-    assert (impedance.imag > 0).all()
-    assert (np.diff(impedance.real) > 0).all()
 
 
 def test_finer_grids_change_nothing() -> None:
@@ -324,5 +262,3 @@ def test_finer_grids_change_nothing() -> None:
     assert squeeze_impedance(JOINT, 40e-6, f, 400) == pytest.approx(squeeze_impedance(JOINT, 40e-6, f, 1600), rel=2e-3)
 
 
-def test_squeeze_number_grows_with_frequency() -> None:
-    assert float(squeeze_number(JOINT, 50e-6, 100.0)) == pytest.approx(2 * float(squeeze_number(JOINT, 50e-6, 50.0)))

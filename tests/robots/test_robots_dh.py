@@ -82,6 +82,9 @@ def test_a_joint_has_the_kind_of_its_own_row_whatever_it_drives(first: str, tmp_
     assert [joint.kind for joint in read_dh(written(MODIFIED + rows, tmp_path)).joints] == [first, "revolute"]
 
 
+COUPLING = "[[coupling]]\njoint='J2'\nfollows='J1'\nfactor=1\n"
+
+
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
@@ -108,11 +111,25 @@ def test_a_joint_has_the_kind_of_its_own_row_whatever_it_drives(first: str, tmp_
         (MODIFIED + ROW + "[[coupling]]\njoint='J1'\nfollows='J1'\nfactor=1\n", "follows itself"),
         (MODIFIED + ROW + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\n", "factor is missing"),
         ("units = 'mm'\n" + MODIFIED + ROW, "unknown key units"),
+        (MODIFIED + "[[joint]]\na_mm = 1e300\n", r"1e\+297 m; expected at most 1000 m"),
+        (MODIFIED + "[[joint]]\nalpha_deg = 1e300\n", "rad; expected at most 1000 rad"),
+        (MODIFIED + "[[joint]]\nlower_deg = -1e300\nupper_deg = 9\n", "rad; expected at most 1000 rad"),
+        (MODIFIED + ROW + "[tool]\nxyz_m = [5000, 0, 0]\n", "5000 m; expected at most 1000 m"),
+        (MODIFIED + "gravity_m_s2 = [0, 0, -9810]\n" + ROW, r"-9810 m/s\*\*2; expected at most 100 m/s\*\*2"),
+        (MODIFIED + 65 * ROW, r"65 \[\[joint\]\] rows; expected at most 64"),
+        (MODIFIED + 2 * ROW + 2 * COUPLING, "J2 follows J1 already"),
+        (MODIFIED + 2 * ROW + COUPLING + COUPLING.translate({49: "2", 50: "1"}), "expected couplings without a cycle"),
+        (MODIFIED + 2 * ROW + COUPLING.replace("factor=1", "factor=1e300"), r"factor: 1e\+300"),
+        ('note = "a\\u001b[2J"\n' + MODIFIED + ROW, r"control characters in 'a\\x1b\[2J'"),
+        ('name = "a\\nb"\n' + MODIFIED + ROW, r"control characters in 'a\\nb'"),
+        (MODIFIED + "[[joint]]\nname = 'x'\n", "joint 'x' has the name of another column"),
+        (MODIFIED + "[[joint]]\nname = 'lambda'\n", "'lambda', expected letters"),
+        (MODIFIED + f"[[joint]]\nname = '{'a' * 201}'\n", "has 201 characters; expected at most 200"),
     ],
 )
 def test_bad_file_is_one_line(content: str, complaint: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
-        read_dh(written(content, tmp_path))
+        MechanismChoice(str(written(content, tmp_path))).load()
     assert "\n" not in str(caught.value)
     assert "arm.toml" in str(caught.value)
 
