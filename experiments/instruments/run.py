@@ -72,6 +72,7 @@ def cells(told: dict[str, Row]) -> list[list[object]]:
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     given = parsed(__doc__, arguments, robots=20, kinds=",".join(POSES), out=HERE / "results.json")
+    command = f"python -m experiments.instruments.run --robots {given.robots}"
     rows: list[Row] = json.loads(given.out.read_text())["machines"] if given.out.is_file() else []
     known = {(r["kind"], r["seed"], r["guilty"]) for r in rows}
     results: dict[str, Any] = {}
@@ -81,16 +82,9 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
                 if (kind, seed, guilty) not in known:
                     rows.append(judge(kind, seed, guilty))
                     print(rows[-1], flush=True)
-                    results = {
-                        "command": f"python -m experiments.instruments.run --robots {given.robots}",
-                        "summary": summary(rows),
-                    }
+                    results = {"command": command, "summary": summary(rows)}
                     write_text(given.out, to_json({**results, "machines": rows}))
-    results = {
-        "command": f"python -m experiments.instruments.run --robots {given.robots}",
-        "summary": summary(rows),
-        "machines": rows,
-    }
+    results = {"command": command, "summary": summary(rows), "machines": rows}
     write_text(given.out, to_json(results))
     write_table(given.out.with_name("README.md"), "instruments", HEADER, cells(results["summary"]))
     return results

@@ -157,8 +157,9 @@ def coverage(count: int, on_axis: bool) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     chosen = parsed(__doc__, arguments, rigs=10, covered=200, out=HERE)
     results: dict[str, Any] = {
-        "command": f"python -m experiments.spherical_joint.rigs --rigs {chosen.rigs} --covered {chosen.covered}", "versions": versions(),
-    }  # fmt: skip
+        "command": f"python -m experiments.spherical_joint.rigs --rigs {chosen.rigs} --covered {chosen.covered}",
+        "versions": versions(),
+    }
     for ball, on_axis in (("ball on the yaw axis", True), ("ball off the axis", False)):
         kinds: dict[str, Any] = {}
         for kind in KINDS:

@@ -47,7 +47,8 @@ def main(arguments: list[str] | None = None) -> None:
             done.append(one_machine(seed, Path(folder)))
         print(done[-1], flush=True)
         results = {
-            "command": f"python -m experiments.twelve_balls.by_command --machines {len(done)} --first {chosen.first}", "versions": versions(),
+            "command": f"python -m experiments.twelve_balls.by_command --machines {len(done)} --first {chosen.first}",
+            "versions": versions(),
             "ended in a report": f"{sum(m['report'] and not m['status'] for m in done)} of {len(done)}",
             "the bad ball is named, and nothing else": f"{sum(m['right'] for m in done)} of {len(done)}",
             "machines": done,

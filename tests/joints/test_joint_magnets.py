@@ -23,7 +23,6 @@ from joints.preload import (
     published_socket_area,
     socket_fixed_limit,
     three_contact_limit,
-    total_preload,
 )
 from joints.settings import DATA, read_toml
 from joints.studies.pugh import PughChart, pugh_chart, read_mark
@@ -35,8 +34,6 @@ HALF_INCH = Magnet(12.7e-3, 6e-3, 17.80)
 SEAT = MagnetSeat(26.194e-3, 0.794e-3)
 SOCKETS = [angle * DEG for angle in range(27, 73, 9)]
 RINGS = [angle * DEG for angle in range(18, 64, 9)]
-
-
 
 
 @pytest.mark.parametrize("clearance", [0.4e-3, 0.9e-3, 1.4e-3])
@@ -66,8 +63,6 @@ def test_no_ring_angle_beats_the_continuous_optimum(magnet: Magnet) -> None:
     scan = [preload_design(72 * DEG, angle, magnet, SEAT) for angle in np.linspace(5, 60, 2000) * DEG]
     assert max(design.preload for design in scan if design) <= best.preload + 1e-9
     assert best.socket_angle == pytest.approx(best.ring.angle + SEAT.half_width(magnet.diameter))
-
-
 
 
 def test_the_largest_preload_wins_whatever_the_order_of_the_grid() -> None:
@@ -131,9 +126,6 @@ ANGLES = np.linspace(0, 90, 91) * DEG
 CONTACT = 52.5 * DEG
 
 
-
-
-
 def test_published_area_is_a_cap_only_at_the_hemisphere() -> None:
     assert published_socket_area(1.0, np.pi / 2) == pytest.approx(float(cap_area(1.0, np.pi / 2)))
     assert published_socket_area(26.194e-3, 63 * DEG) / cap_area(26.194e-3, 63 * DEG) == pytest.approx(1.282, abs=5e-4)
@@ -144,10 +136,6 @@ def test_projected_area_is_the_integral_of_the_cap_along_the_axis() -> None:
     assert projected_area(2.0, 70 * DEG) == pytest.approx(
         np.trapezoid(2 * np.pi * 4 * np.sin(t) * np.cos(t), t), rel=1e-7
     )
-
-
-
-
 
 
 @pytest.mark.parametrize("angle", [5, 40, 60, 90])
@@ -190,8 +178,6 @@ def test_supports_share_the_preload_at_rest() -> None:
     assert forces == pytest.approx(np.full(3, 100 / (3 * np.cos(45 * DEG))))
 
 
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -227,8 +213,6 @@ def test_totals_of_the_thesis(index: int, criteria: int, scores: list[int]) -> N
     assert len(chart.criteria) == criteria
     assert chart.scores.tolist() == scores
     assert (chart.pluses - chart.minuses).tolist() == scores
-
-
 
 
 def test_weights_multiply_their_criterion() -> None:
