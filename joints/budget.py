@@ -30,9 +30,9 @@ from joints.passive_joint import (
 from joints.settings import Settings, load_settings, not_negative
 
 STEPS, SETTLED = 50, 1e-10
-"""Largest number of Gauss-Newton steps; change of an angle [rad] below which the steps end (picometres at the ball)."""
+"""Largest number of Gauss-Newton steps for joint angles; change of an angle [rad] below which they end (picometres)."""
 DIFFERENCE = 1e-5
-"""Step of central differences of the position by an angle, rad; relative error of the derivatives: 1e-10."""
+"""Step, rad, of central differences of the ball's position by an angle; relative error of the derivatives: 1e-10."""
 IDLE = 1e-3
 """Least motion of the tooling ball per radian, relative to its distance from the joint's centre, at which realignment
 adjusts an angle. A rotation about the line from the centre to the tooling ball does not move the ball."""
@@ -153,7 +153,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Budget:
-    """Result of an error budget.
+    """Result of a Monte Carlo error budget.
 
     distances: position errors (poses, draws), m.
     shares: share of each error source in the mean squared error; the shares add up to 1.

@@ -144,9 +144,9 @@ def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzCo
 def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
     """Return the peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface).
 
-    For Poisson's ratio nu = 0.3 the peak pressure p is 1.61 times the yield stress. On the axis, at the depth s times
-    the contact radius, the stresses sigma_z and sigma_r satisfy |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 -
-    s atan(1/s))|, with peak pressure p and Poisson's ratio nu (Johnson 3.45).
+    For Poisson's ratio nu = 0.3 the peak pressure p is 1.61 times the yield stress. On the axis of the contact, at the
+    depth s times the contact radius, the stresses sigma_z and sigma_r satisfy |sigma_z - sigma_r| / p = |3/2/(1 + s^2)
+    - (1 + nu)(1 - s atan(1/s))|, with peak pressure p and Poisson's ratio nu (Johnson 3.45).
     """
 
     def shear(s: float) -> float:
@@ -158,7 +158,7 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
 
 @dataclass(frozen=True)
 class PublishedContact(HertzContact):
-    """The rows of Table 3.3 of the thesis in SI units: Slocum's coefficients and the contact computed from them."""
+    """Rows of Table 3.3 of Robertson (2003) in SI units: Slocum's coefficients and the contact computed from them."""
 
     equivalent_radius: float
     cos_theta: float

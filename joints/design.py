@@ -28,12 +28,12 @@ from joints.stiffness import layer_stiffness
 
 CONTACTS = ("point", "rolling", "sliding", "fluid")
 BUDGET_POSES, BUDGET_DRAWS = 40, 200
-"""Numbers of poses and of draws of an error budget; mean plus three standard deviations have two digits."""
+"""Numbers of poses and of random draws of an error budget, with which mean + 3 σ is known to two digits."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of the joint. used: required amount, in `unit`. there: available amount, in `unit`."""
+    """A limit, such as preload, of the joint. used: required amount, in `unit`. there: available amount, in `unit`."""
 
     topic: str
     quantity: str
@@ -43,7 +43,7 @@ class Limit:
 
     @property
     def share(self) -> float:
-        """Required amount over available amount; above 1 the limit is exceeded."""
+        """Ratio of required to available amount; above 1 the limit of the joint is exceeded."""
         return self.used / self.there
 
 
@@ -73,8 +73,8 @@ class JointDesign:
 def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
     """Read a joint and the settings of its models from a TOML file; the joint of the thesis is the default.
 
-    The radius in the section [ball] is the default of sections without a radius. Raises InputError for an invalid file,
-    an unknown section or key, or an unknown type of contact.
+    The radius in section [ball] is the default for sections without radius. Raises InputError for an invalid file, an
+    unknown section or key, or an unknown type of contact.
     """
     given = read_toml(path) if path else {}
     file = path.name if path else "design.toml"

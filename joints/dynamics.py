@@ -46,7 +46,7 @@ class BallOnFilm:
 def ball_on_constant_feed(
     mass: float, stiffness: float, geometry: FilmGeometry, displacement: float, share: float = 1.0
 ) -> BallOnFilm:
-    """Return a ball on a film with constant feed, in which air is squeezed. share: factor of the computed squeeze
+    """Return a ball on an air film with constant feed, in which air is squeezed. share: factor of the computed squeeze
     stiffness."""
     factor = float(not_negative("share of the squeezed air", share, ""))
     return BallOnFilm(mass, stiffness, lambda f: factor * squeeze_impedance(geometry, displacement, f))
@@ -122,7 +122,7 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
 
     At the angular frequency w the inverse receptance 1/H = k - m w^2 + s Z is linear in k, m and s. Weights |H| make
     the errors relative.
-    impedance: Z (frequencies,) [N/m]. If Z = i w (plain damper), the unit of s is N s/m.
+    impedance: impedance Z (frequencies,) [N/m]. If Z = i w (plain damper), the unit of s is N s/m.
     Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
     f = positive("frequency", frequency, "Hz").ravel()
@@ -153,7 +153,7 @@ INSTANTS, COARSE = 256, 64
 motion; half as many odd harmonics. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, 1 % with 128.
 """
 SETTLED, SWEEPS = 1e-5, 20_000
-"""Relative change of the friction force below which the iteration for the steady state ends; largest number of
+"""Relative change of the friction force below which the iteration for the steady vibration ends; largest number of
 iterations (a few hundred are usually needed)."""
 
 

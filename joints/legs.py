@@ -23,7 +23,7 @@ from joints.settings import Settings, laid_over, read_toml
 
 STEPS = 50
 """Largest number of Newton steps for the platform's pose. Each step doubles the number of digits.
-A machine that needs more steps does not close."""
+A machine whose pose needs more steps cannot close its loops."""
 
 PROGRESS, STALLED = 0.9, 6
 """Newton's method ends without success after 6 steps (STALLED) in which the largest gap of a link does not fall by a
@@ -43,7 +43,7 @@ def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Arr
     pose: initial poses (poses, 4, 4) of the platform.
     lower: centres (6, poses, 3) of the lower balls, m. balls: centres (6, poses, 3) of the upper balls in the
     platform's frame, m. lengths: lengths (6, poses) of the links, m.
-    For each pose the steps end when the loops are closed or the gap has stopped falling.
+    Newton's steps end when the loops are closed or the gap has stopped falling.
     """
     pose, lower, balls, lengths = pose.copy(), *(np.swapaxes(part, 0, 1) for part in (lower, balls, lengths))
     miss, best, stalled = np.full(len(pose), np.inf), np.full(len(pose), np.inf), np.zeros(len(pose), dtype=int)

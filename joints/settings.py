@@ -16,7 +16,7 @@ from gpmodel.texts import read_toml as read_table
 
 
 def require(valid: ArrayLike, name: str, value: ArrayLike, expected: str) -> None:
-    """Raise InputError "name = value, expected ..." for the first entry of `value` that is not `valid`."""
+    """Raise InputError "name = value, expected ..." for the first entry of an array that is not valid."""
     ok, values = np.broadcast_arrays(np.asarray(valid, bool), np.asarray(value, float))
     if not ok.all():
         raise InputError(f"{name} = {values[~ok].flat[0]:.6g}, expected {expected}")

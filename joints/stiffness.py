@@ -138,11 +138,11 @@ _GRID = 14
 
 @dataclass(frozen=True)
 class RegimeFit:
-    """Result of `fit_regimes`.
+    """Result of fitting the four regimes of a force-displacement curve.
 
     curve: the fitted curve.
     stderr: standard errors of the parameters of the curve and of the magnets' coefficient, by name.
-    rms: RMS residual, N.
+    rms: RMS residual of the tension, N.
     status: "ok", or the reason why the result is doubtful.
     """
 

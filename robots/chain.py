@@ -200,7 +200,7 @@ class SerialChain(Chain):
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Several arms of one tree of links. Joints that move several arms are shared by their chains.
+    """Several arms of one tree of links. Joints that move several arms belong to the chains of all of them.
 
     Order of the slots: slots of the first chain without its tool, further slots of the other chains with FRAME.tool at
     the end of each chain, and `tool` of the first chain.
@@ -211,7 +211,7 @@ class Branches:
 
     @cached_property
     def _own(self) -> tuple[tuple[str, ...], ...]:
-        """Names in the tree of the slots of each chain."""
+        """Names, in the tree of links, of the slots (frames) of each chain."""
         ends = ("tool", *(f"{chain.tool_frame}.tool" for chain in self.chains[1:]))
         return tuple((*chain.slots[:-1], end) for chain, end in zip(self.chains, ends, strict=True))
 
@@ -303,7 +303,7 @@ class Branches:
         return tuple(out)
 
     def _of(self, chain: SerialChain, q: Array) -> Array:
-        """Return the joint values (poses, joints) of one chain, selected from the joint values of the tree."""
+        """Select the joint values (poses, joints) of one chain from the joint values of the tree of links."""
         names = [joint.name for joint in self.joints]
         return np.asarray(q)[:, [names.index(name) for name in chain.joint_names]]
 

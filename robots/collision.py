@@ -40,7 +40,7 @@ def parse_model(path: Path) -> pin.Model:
 
 @contextmanager
 def _quiet() -> Iterator[list[str]]:
-    """Redirect the output of C libraries from the terminal to the yielded list of lines."""
+    """Redirect the terminal output of C libraries to a list of lines."""
     lines: list[str] = []
     sys.stdout.flush()
     sys.stderr.flush()

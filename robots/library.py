@@ -85,7 +85,7 @@ EXAMPLE_ARMS = {
 
 
 def mechanism_names() -> tuple[str, ...]:
-    """Return the names that load_mechanism accepts without a file."""
+    """Return the names of the robots that load_mechanism accepts without a file."""
     return (*DIMENSIONS, *EXAMPLE_ARMS)
 
 

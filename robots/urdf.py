@@ -102,7 +102,7 @@ def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
 
 @dataclass(frozen=True)
 class _Called:
-    """Names of a chain, of its measured link and of its file."""
+    """Names of a serial chain, of its measured link and of its file."""
 
     name: str
     frame: str

@@ -257,7 +257,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
 
 
 def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
-    """List the ignored elements of a URDF joint, and its missing elements for which URDF has a default."""
+    """List the elements of a URDF joint that are not read, and missing elements that get the URDF default."""
     said = [f"<calibration> of joint {name}" for _ in joint.findall("calibration")]
     if kind in MOVING and joint.find("axis") is None:
         said.append(f"the axis of joint {name}, which the file does not give; 1 0 0 is taken, as URDF says")

@@ -1,1 +1,1 @@
-"""Run the discovery loop: from the residual of a calibration to named and tested effects."""
+"""Run the search for missing effects: from the residual of a calibration to named and tested effects."""

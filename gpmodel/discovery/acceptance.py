@@ -76,11 +76,11 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Delete candidates that fail a test given all others; each pass deletes the weaker half of the failing candidates.
+    """Delete candidate effects that fail a test given all others; each pass deletes the weaker half of those failing.
 
-    judge: function that tests candidates given all others of a calibration. fit: function that calibrates with
-    candidates, starting from an earlier fit. Returns the last test result of each candidate, and the calibration with
-    the accepted candidates. The accepted candidates are tested again at the end.
+    judge: function that tests each candidate given all others. fit: function that calibrates with candidates, starting
+    from an earlier fit. Returns the last test result of each candidate, and the calibration with the accepted
+    candidates, which are tested again at the end.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
     asked: Mapping[str, Candidate] = inside

@@ -34,7 +34,7 @@ class Problem:
     standard: calibration of the standard model.
     fit: function that calibrates the training poses with candidates, starting from an earlier fit.
     offers: candidates of the catalogue, and the user's families and candidates.
-    input_prices: price of each input variable, nats, from the histograms of inputs in evolved programs.
+    input_prices: penalty of each input variable, nats, from the histograms of inputs in evolved programs.
     late: function that returns whether the time limit of the search is reached.
     """
 
@@ -76,7 +76,7 @@ class FittedSelection:
 
 @dataclass
 class Proposals:
-    """Propose formulas for the smooth terms of a selection, once for each term, and candidates with refitted constants.
+    """Propose formulas for the smooth terms of a selection, once per term, and candidates with refitted constants.
 
     fresh: names of programs evolved in the current round. laws: every proposed formula, by the name of its candidate.
     """
@@ -103,7 +103,7 @@ class Proposals:
 
 
 def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]) -> tuple[FittedSelection, Proposals]:
-    """Select among all candidate groups of effects, except at joints that do not move, and fit the selection.
+    """Select among all candidate groups of effects, except at joints that do not move, and fit the selected effects.
 
     The terms of an evolved program become separate candidates if one of the terms has a name. evolved: evolved programs
     of all rounds. fresh: names of programs evolved in the current round.

@@ -32,8 +32,8 @@ class RoundContext:
     """Context of a round of the search: its number, its messages, and the storage of finished runs of evolution.
 
     late: function that returns whether the time limit of the search is reached.
-    opening: whether the round is the first one of a search with a catalogue, and evolves with a small budget.
-    pooled: whether earlier rounds ran with an equal budget on permuted residuals.
+    opening: True for the first round of a search with a catalogue, which evolves with a small budget.
+    pooled: True if earlier rounds evolved programs with an equal budget on permuted residuals.
     """
 
     number: int
@@ -50,7 +50,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Exploration:
-    """Evolved candidates of one residual, null distribution of their gains (nats), and histogram of their inputs."""
+    """Evolved candidates for one residual, null distribution of their gains (nats), and histogram of their inputs."""
 
     candidates: tuple[Candidate, ...]
     null_nats: Array
@@ -60,12 +60,12 @@ class Exploration:
 def explore(
     residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, context: RoundContext
 ) -> Exploration:
-    """Evolve programs at all sites at once, `runs` times for each representation, then on permuted residuals.
+    """Evolve programs at all sites at once, `runs` times by each representation, then on permuted residuals.
 
     After the first round the permuted runs are omitted if no program reaches the least gain of a finding. Half as many
-    permuted runs are enough if their largest gains are pooled with earlier ones, but no fewer than a p-value needs. Of
-    more than `evolved_poses` poses evolution uses a sample, and half of it if the model has hundreds of columns;
-    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
+    permuted runs suffice if their largest gains are pooled with earlier ones, but at least as many as a p-value needs.
+    With more than `evolved_poses` poses evolution uses a sample of them (half of it if the model has hundreds of
+    columns); programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -104,7 +104,7 @@ def explore(
 def posed(
     residual: Residual, sites: tuple[Site, ...], search: Search, rows: IntArray
 ) -> tuple[SlotProblem, Mapping[str, str]]:
-    """Return the problem of evolution at some poses and all sites, and its inputs in terms of the table's columns."""
+    """Return the problem of genetic programming at some poses and all sites, and inputs in terms of table columns."""
     inputs, names = readable_inputs(residual.poses.states, rows)
     return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
 
@@ -129,7 +129,7 @@ def candidates_of(
     """Return each distinct program of the runs as a candidate effect at its site, without programs that have a pole.
 
     The constants of each part of a program are refitted, since one output alone often explains the effect of two
-    outputs. question: the problem that was evolved, and its inputs in terms of the table's columns.
+    outputs. question: the problem of evolution, and its inputs in terms of the table's columns.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question

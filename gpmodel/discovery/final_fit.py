@@ -1,4 +1,4 @@
-"""Fit the found model to all poses, including the constants inside formulas."""
+"""Fit the model with all found effects to all poses, including the constants inside formulas."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +27,7 @@ SETTLED = 0.02
 def final_fit(state: State, fit: Calibration) -> FinalFit:
     """Fit all findings to all poses, including the constants inside their basis functions.
 
-    The changes of the constants are unknowns of the fit, so that every standard error includes the uncertainty of the
+    Changes of the constants are unknowns of the fit, so that every standard error includes the uncertainty of the
     constants. Source: Seber and Wild (1989), 2.1.
     """
 
@@ -56,7 +56,7 @@ def _settled(
     """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
     Each step adds the fitted changes to the constants. After convergence the changes are zero, with standard errors.
-    Constants that do not converge keep their first values, without standard errors. theta: coefficients of each
+    Constants that do not converge keep their initial values, without standard errors. theta: coefficients of each
     candidate's effects in `fit`.
     """
     moving, here = tuple(found), fit
@@ -77,13 +77,13 @@ def _settled(
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
-    """Return the constants inside candidates plus their changes as estimated by a fit."""
+    """Add the changes that a fit has estimated to the constants inside candidates."""
     steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 
 def _beside_events(state: State) -> Mask:
-    """Return whether each pose is near an event in time, where a good pose on the wrong side has a large residual."""
+    """Mark poses near an event in time, where a good pose on the wrong side of the event has a large residual."""
     rows = state.poses.states["row"]
     inner = [c.inner for c in state.found if c.inner]
     events = [c.value for own in inner for c in own.constants if c.whole]
@@ -91,7 +91,7 @@ def _beside_events(state: State) -> Mask:
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
-    """Add the 95 % confidence interval of the row of a candidate's event. left: function that returns the residual."""
+    """Add the 95 % confidence interval of the row of a candidate's event. left: function from a fit to its residual."""
     inner = candidate.inner
     if inner is None or not any(c.whole for c in inner.constants):
         return candidate

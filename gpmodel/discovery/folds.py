@@ -1,7 +1,7 @@
-"""Run the whole discovery on all poses, and measure its errors by repeating the discovery without each fold.
+"""Run the whole search on all poses, and measure its errors by repeating the search without each fold.
 
 With few poses, a fixed held-out share costs more than it proves. Therefore each pose is held out once: the findings
-come from all poses, and the errors from repetitions of the discovery without each fold. Source: Stone (1974),
+come from all poses, and the errors from repetitions of the search without each fold. Source: Stone (1974),
 cross-validatory choice and assessment of statistical predictions.
 """
 
@@ -25,19 +25,19 @@ from gpmodel.progress import Reporter, silent
 from gpmodel.table.bundles import JUDGED, folds, repeat_blocks
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
-"""The whole discovery loop with its settings, as a function of poses, training rows and held-out rows."""
+"""Type of the whole search with its settings: a function of poses, training rows and held-out rows."""
 
 
 def discover_by_folds(
     whole: Loop, repeats: Sequence[Loop], poses: Poses, count: int, criteria: Criteria, workers: Forks
 ) -> Discovery:
-    """Run the whole discovery loop on all poses, then repeat the loop without each of `count` folds of whole blocks.
+    """Run the whole search on all poses, then repeat the search without each of `count` folds of whole blocks.
 
-    The errors of each step are the errors of held-out poses, predicted by the repetition without these poses; a
-    repetition with fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without
-    evolution the errors are rather larger than smaller. If one way does not confirm an evolved finding, the next way is
-    tried at half the significance level. workers: processes that run the repetitions, the first way during the whole
-    loop. Raises InputError for fewer than two folds, or more folds than blocks of poses.
+    The errors of each model are errors of held-out poses, predicted by the repetition without these poses; a repetition
+    with fewer models uses its last. repeats: ways to repeat the search, the quickest first; without evolution the
+    errors are rather larger than smaller. If one way does not confirm an evolved finding, the next way is tried at half
+    the significance level. workers: processes that run the repetitions, the first way during the search on all poses.
+    Raises InputError for fewer than two folds, or more folds than blocks of poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
@@ -62,7 +62,7 @@ def discover_by_folds(
 
 
 def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria) -> Discovery:
-    """Return a discovery on all poses with the errors of its repetitions, and whether these errors confirm findings."""
+    """Combine a search on all poses with the errors of its repetitions, and state if the errors confirm findings."""
     steps = tuple(
         replace(step, heldout_error=_errors(found.poses, choices, number)) for number, step in enumerate(found.steps)
     )
@@ -75,7 +75,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
-    """Return the error of each pose by model step `number` of the repetition without the pose, m; NaN if unknown."""
+    """Return the error of each pose, m, by model `number` of the repetition without the pose; NaN if unknown."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])

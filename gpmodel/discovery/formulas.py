@@ -47,8 +47,8 @@ MOST_INPUTS = 6
 def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
     """Return the smooth functions of a selection that a formula may replace, by the names of their groups of effects.
 
-    Named functions count if the data determine few of their coefficients, evolved programs if they have several terms
-    or are new. Groups at one site with at most two inputs in total are also added up to one function.
+    Named functions are included if the data determine few of their coefficients, evolved programs if they have several
+    terms or are new. Groups at one site with at most two inputs in total are also added up to one function.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -95,13 +95,13 @@ class LawTask:
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
-    """Search formulas in the inputs of a smooth function. Every worker finds equal formulas."""
+    """Search formulas in the inputs of a smooth function; the result does not depend on the worker."""
     return formulas_at(task.problem, 0, task.inputs)
 
 
 @dataclass(frozen=True)
 class ShortLaw:
-    """A formula for a smooth function: its program over the inputs of the search, and the candidate at the site."""
+    """A formula for a smooth function: its program over the search's inputs, and the candidate effect at the site."""
 
     program: Program
     task: LawTask
@@ -117,8 +117,8 @@ class ShortLaw:
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
     """Yield formulas in the inputs and at the site of each smooth function, and shorter forms of the best formulas.
 
-    left: residual of a model with all the smooth functions. The searches run in parallel. The searches are repeated
-    without winsorising outliers of the smooth function, since a formula may have a sharp bend.
+    left: residual of a model with all the smooth functions. The searches run in parallel, and are repeated without
+    winsorising outliers of the smooth function, since a formula may have a sharp bend.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -164,7 +164,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """Return the site of largest gain for a smooth function; its site `own` if no gain exceeds a tie.
+    """Return the site of largest gain for a smooth function, or its site `own` if no gain is clearly larger.
 
     Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly equally.
     """
@@ -184,7 +184,7 @@ def _at(site: Site, effect: Effect) -> Effect:
 def _as_laws(
     residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[tuple[Program, str]]
 ) -> Iterator[ShortLaw]:
-    """Yield programs without a pole as candidate effects at the site of a search. programs: each with its origin."""
+    """Yield programs without a pole as candidate effects at the site of a search. programs: programs with origins."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
@@ -214,17 +214,17 @@ def _shortened(
 
 
 def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw]:
-    """Return the largest gain of any formula, nats, and this formula."""
+    """Return the largest log evidence gain of any formula, nats, and the formula."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
     return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
 
 
 GROSS = 2.0
-"""Largest ratio of a pose's error without the function to the second largest; with more, the measurement is bad."""
+"""Largest ratio of a pose's error to the second largest, without a smooth function; with more, it is a bad pose."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
-    """Return which poses are outliers of a model with a smooth function, but no gross errors without the function."""
+    """Mark poses that are outliers of a model with a smooth function, but no gross errors without the function."""
     motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
     before = _lengths(left, left.problem.residual + motion)
     out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
@@ -237,7 +237,7 @@ def taken_as_measured(left: Residual, poses: Mask) -> Residual:
 
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
-    """Return which poses are no outliers of the likeliest of some formulas. The likelihood counts an outlier as if its
+    """Mark poses that are no outliers of the most likely of some formulas. The likelihood counts an outlier as if its
     residual were at the outlier limit. residual: residual of the model without the formulas."""
     sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
     for law in laws:

@@ -23,7 +23,7 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Judged:
-    """Tested groups of effects by decreasing gain (`hypotheses`), and the fit of the accepted groups."""
+    """Tested groups of effects by decreasing log evidence gain (`hypotheses`), and the fit of the accepted groups."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration
@@ -32,8 +32,8 @@ class Judged:
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_alone: bool = False) -> Judged:
     """Test every selected group given all others, delete groups that fail, and find credible sets of the other groups.
 
-    Fine curves of a drive get as many harmonics as their evidence supports, and constants inside candidates are
-    refitted. evolved_null: largest gain of any program on each permuted residual. An evolved term has to exceed the
+    Detailed angular errors of a drive get as many harmonics as the evidence supports, and constants inside candidates
+    are refitted. evolved_null: largest gain of any program on each permuted residual. An evolved term has to exceed the
     null of evolution and of selection, because both searches selected the term. errors_alone: omit the credible sets.
     """
     if not last.candidates:
@@ -79,7 +79,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group of effects. residual: without the group. nulls: gains on permuted residuals."""
+    """Test a selected group of effects. residual: residual without the group. nulls: gains on permuted residuals."""
     before = cross_validated(residual.with_refitted_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)

@@ -57,13 +57,13 @@ def discover(
 ) -> Discovery:
     """Run the whole discovery loop. Held-out poses only measure errors and select no effect.
 
-    At the end the held-out poses decide whether the model with the findings or the standard model is shipped.
+    At the end the held-out poses decide whether the model with the findings or the standard model is saved.
 
     train, heldout: row numbers of `poses`; heldout may be empty. candidates: effects that may be missing.
     standard: effects of the standard model; None for the complete geometry.
-    known: effects in the model from the start. noise: σ that weights finite priors, m; None for the σ of the residual.
+    known: effects in the initial model. noise: σ that weights finite priors, m; None for the σ of the residual.
     condition_limit: largest condition number of the standard model; None for a cross-validated limit.
-    errors_alone: compute only the errors of each step, without a fit to all poses and without simplified formulas.
+    errors_alone: compute only the errors of each model, without a fit to all poses and without simplified formulas.
     progress: called with one line on the current task. kept: finished runs of an interrupted search. Raises InputError
     for different candidates of one name, or if no held-out pose has a known set-up and tool.
     """
@@ -100,7 +100,7 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the search on the sample; return a function that fits the findings to all training rows, and the reason."""
+    """Run the search on sampled rows; return a function that fits findings to all training rows, and why it ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)
@@ -110,7 +110,7 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Run rounds of the search until a round changes nothing or a limit is reached; return the fit and the reason.
+    """Run rounds of the search until a round changes nothing or a limit is reached; return the fit and why it ended.
 
     If the time limit is reached in the first round, the first round is repeated without evolution.
     """
@@ -139,7 +139,7 @@ def _unfinished(state: State, standard_fit: Calibration, calibration: Calibratio
 
 
 def _finished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """Fit the findings to all poses; return the fit, the model to ship, and the test on held-out poses."""
+    """Fit the findings to all poses; return the fit, the model to save, and the test on held-out poses."""
     if not state.findings:
         final = state.standard_to_all()
         return FinalFit(final, (), ()), final, None
@@ -157,7 +157,7 @@ def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibra
 
 
 def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: Sequence[Calibration]) -> None:
-    """Record the steps of the model: registration, the standard model, and the findings one after the other."""
+    """Record the errors of growing models: registration, the standard model, and the findings one after the other."""
     state.add_rung("registration", base)
     state.add_rung("standard", standard_fit)
     for i, fit in enumerate(rungs[: len(state.findings)]):
@@ -167,7 +167,7 @@ def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: S
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
     """Evolve programs for the residual of a calibration, select all effects again with them, and test the selection.
 
-    The round returns the calibration with the findings, and stores the findings in `state`.
+    The calibration with the findings is returned, and the findings are stored in `state`.
     """
     number = len(state.rounds) + 1
     poses = state.poses.subset(state.sample)
@@ -198,7 +198,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
 
 
 def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[str, ...]:
-    """Store the accepted hypotheses as the findings; return the names of findings that are no longer accepted."""
+    """Store the accepted candidates as findings; return the names of findings that are no longer accepted."""
     before = {f.candidate.name: f for f in state.findings}
     state.findings = [
         replace(before[h.candidate.name], hypothesis=h) if h.candidate.name in before else Finding(h, number)
@@ -216,7 +216,7 @@ def _earlier_nulls(state: State) -> list[np.ndarray]:
 
 
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
-    """Evolve programs for a residual; return the programs with the histogram of their inputs."""
+    """Evolve programs for a residual by genetic programming; return them with the histogram of their inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Reporter(state.say.send, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)

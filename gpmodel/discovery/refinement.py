@@ -26,13 +26,13 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Number of passes over the constants of all candidates; the second pass allows for changes in the first pass."""
+"""Number of passes that refit the constants of all candidates; the second pass allows for changes in the first."""
 
 EVALUATIONS = 80
 """Largest number of residual evaluations per constant of a candidate; the simplex method needs half as many."""
 
 SETTLED = 1e-4
-"""Difference of the sum of squares between corners of a simplex at which the fit ends, in variances of the noise."""
+"""Difference of the sum of squares between corners of the simplex at which its iterations end, in noise variances."""
 
 ROUNDING = 0.005
 """Largest loss of log evidence, nats, by rounding a constant to fewer digits: a tenth of its standard error."""
@@ -47,7 +47,7 @@ WINDOW = 12
 
 @dataclass(frozen=True)
 class Profile:
-    """Log likelihood of an event after each of some rows, nats, with the other constants of the event fixed."""
+    """Log likelihood of an event after each of some table rows, nats, with the other constants of the event fixed."""
 
     rows: Array
     nats: Array
@@ -65,10 +65,10 @@ class Profile:
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Double the harmonics of fine curves among the findings if more harmonics lower the description length.
+    """Double the harmonics of detailed angular errors among the findings if that lowers the description length.
 
-    The error curve of a drive has lines up to twice its reduction ratio; half of the harmonics detect the curve in an
-    eighth of the time. left: residual of a model with all findings.
+    The angular error of a drive has harmonics up to twice its reduction ratio; half of the harmonics detect the error
+    in an eighth of the time. left: residual of a model with all findings.
     """
     out = dict(found)
     for name, candidate in found.items():
@@ -138,7 +138,7 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
 def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
     """Compute the likelihood profile of the row of an event; None for a candidate without an event.
 
-    Rows are added on both sides until both ends are outside the interval. residual: of the model without the candidate.
+    Rows are added on both sides until both ends are outside the interval. residual: residual without the candidate.
     """
     event = next((c for c in inner.constants if c.whole), None)
     if event is None:
@@ -164,7 +164,7 @@ def _movable(candidate: Candidate) -> bool:
 
 
 def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
-    """Fit the row of an event by its profile, or other constants by a simplex that starts with half a step."""
+    """Fit the row of an event by its likelihood profile, or other constants by the simplex method."""
     event = profile(residual, inner)
     if event is not None:
         return inner.at([event.best if c.whole else c.value for c in inner.constants])
@@ -196,13 +196,13 @@ def _nats(residual: Residual, effects: Sequence[Effect]) -> float:
 
 
 def _left(residual: Residual, effects: Sequence[Effect]) -> float:
-    """Compute the sum of squares of the residual after effects are projected out, m²."""
+    """Compute the sum of squares of a residual after the columns of effects are projected out, m²."""
     span = ident.orthonormal(residual.projected(effects)[0])
     return residual.energy - float(np.sum((span.T @ residual.values) ** 2))
 
 
 STEP = 1e-3
-"""Step for the central difference by a constant inside a formula, relative to the constant."""
+"""Step, relative to the constant, of the central difference by a constant inside a formula."""
 
 OWN = 0.005
 """Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient. The
@@ -225,7 +225,7 @@ class InnerChange:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A constant inside a candidate, and all its basis functions half a step below and above the constant's value."""
+    """A constant inside a candidate, and the candidate's basis functions half a step below and above its value."""
 
     constant: Constant
     below: tuple[tuple[str, ...], ...]
@@ -241,8 +241,8 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
     """Return the change of each constant c inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
     With these effects in the model all standard errors are those of nonlinear least squares, and each constant has a
-    standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta: fitted
-    coefficient θ of each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
+    standard error. A change that the coefficient or the geometry can absorb is left out. theta: fitted coefficient θ of
+    each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
     """
     sites = tuple(dict.fromkeys((t.slot, t.axis) for e in candidate.effects for t in e.terms))
     law = _motion(candidate.effects, theta, states, sites)
@@ -319,7 +319,7 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
 
 
 def _beside(value: float) -> tuple[float, float]:
-    """Return the values half a step below and half a step above a constant."""
+    """Return the values half a difference step below and above a constant."""
     step = STEP * abs(value)
     return value - step / 2, value + step / 2
 

@@ -1,4 +1,4 @@
-"""Settings of the search: numbers of runs, sizes of the populations, and limits."""
+"""Settings of the search for effects: numbers of runs, sizes of the populations, and limits."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,8 +24,8 @@ class Search:
     population, generations: number of programs and of generations of one run.
     opening_population, opening_generations: upper limits of `population` and `generations` in the first round, which
     only finds inputs if the catalogue is searched.
-    climb: number of best programs of a run from which formulas are bred at its end.
-    nats_per_node: price of a node of a formula, nats: the log of about seven inputs and operators.
+    climb: number of best programs of a run whose formulas are improved at its end.
+    nats_per_node: penalty of a node of a formula, nats: the log of about seven inputs and operators.
     evolved_poses: largest number of poses for evolution, sampled again in every round.
     scored_poses: number of poses on which effects are selected, drawn evenly along the rows, if there are half as many
         again. With 500 poses an effect of a fifth of the noise is detected. Coefficients are fitted to all poses.
@@ -52,16 +52,16 @@ class Search:
 
     @property
     def side_by_side(self) -> Workers:
-        """Workers for independent tasks."""
+        """Executor of the search's independent tasks: workers on this or other machines."""
         return self.executor or self.here
 
     @property
     def here(self) -> Forks:
-        """Workers on this machine, for tasks too large to be sent to another machine."""
+        """Executor with workers on this machine, for tasks too large to be sent to another machine."""
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
-        """Return the description length of a program, nats: price of its nodes plus log of the number of sites."""
+        """Return the description length of a program, nats: penalty of its nodes plus log of the number of sites."""
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:

@@ -1,4 +1,4 @@
-"""State of a search and its result: rounds, findings, and steps of the model."""
+"""State of a search for effects, and its result: rounds, findings, and growing models."""
 
 import math
 import time
@@ -65,7 +65,7 @@ class Round:
 
 @dataclass(frozen=True)
 class FinalFit:
-    """Fit to all poses: findings, constants inside each finding, and effects of changes of these constants."""
+    """Fit to all poses: findings, their nonlinear constants, and effects of changes of the constants."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
@@ -75,11 +75,11 @@ class FinalFit:
 
 @dataclass(frozen=True)
 class Discovery:
-    """Result of the discovery loop.
+    """Result of a search for missing effects.
 
     fitted: all findings, fitted to all poses.
     confirmation: test of the findings on held-out poses; None without findings.
-    final: model to ship: the model `fitted` if confirmed, else the standard model fitted to all poses.
+    final: model to save: the model `fitted` if confirmed, else the standard model fitted to all poses.
     parts: results of the loop repeated without each fold; empty if a fixed set of poses is held out.
     alone: for a further machine of a type, the fit to its poses without the prior of the type.
     loads: loads that were fitted in the place of the declared ones, in words; empty for the declared loads.
@@ -108,7 +108,7 @@ class Discovery:
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """Return the model step of a given number, or the last step for larger numbers."""
+        """Return the record of the model with a given number in the sequence, or the last for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -123,7 +123,7 @@ class Discovery:
 
 
 Division = tuple[Poses, IntArray, IntArray]
-"""Poses, and the rows for training and for testing."""
+"""Type: poses, numbers of the rows for training, and numbers of the held-out rows."""
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Reporter) -> Division:
@@ -156,8 +156,8 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: R
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
     """Sample about `size` of some rows: a random pose of each stretch of rows, with its repeats.
 
-    All rows are returned if a sample would omit a third or less. The pose is random because every k-th pose of a grid
-    could have a single value of a joint.
+    All rows are returned if a sample would omit a third or less. The sampled pose is random because every k-th pose of
+    a grid could have a single value of a joint.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -176,7 +176,7 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
 
 @dataclass
 class State:
-    """State of the discovery loop: findings, rounds, and steps of the model.
+    """State of a search for effects: findings, rounds, and growing models.
 
     standard: effects of the model without known effects and findings. seed: seed of evolution. ends: end of the search
     time, on the clock of time.monotonic. errors_alone: compute errors only, see `loop.discover`.
@@ -223,7 +223,7 @@ class State:
 
     @property
     def repeating(self) -> bool:
-        """True if the last round added and removed nothing; a small first round that exceeds the null is repeated."""
+        """True if the last round changed no finding; a small first round that exceeds the permuted null is repeated."""
         last = self.rounds[-1] if self.rounds else None
         if last is None or last.dropped or any(f.round == last.number for f in self.findings):
             return False
@@ -260,6 +260,6 @@ class State:
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        """Add a step of the model: a fit with its errors on the training and the held-out poses."""
+        """Add a fitted model to the sequence, with its errors on the training and the held-out poses."""
         heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))

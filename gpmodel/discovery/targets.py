@@ -39,7 +39,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Return `blank` with the products of other residual values at each site, as targets of evolution."""
+    """Return `blank` with the products of other residual values at each site, as targets of genetic programming."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -66,17 +66,17 @@ KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K"
 """Physical quantity of a table column by its unit. A column with another unit is compared only with its own unit."""
 
 ALIKE = 1e-4
-"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread. The weight of a
-wrist has as large a share in the load of a carriage."""
+"""Largest unexplained share of variance of two columns that count as proportional: a hundredth of the spread. The
+weight of a wrist has as large a share in the load of a carriage."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
 
-    Columns that are not used: constant columns, negligible loads, joint reactions other than torques (torques and base
-    moments span the reactions), and loads in proportion to a length or the payload, as on linear axes. Of several
-    proportional lengths only the first is used: the travel of a joint rather than the height of the tool. The row
-    number is excluded if a clock rises with the row, since another table has other rows.
+    Not used are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
+    the reactions), and loads in proportion to a length or the payload, as on linear axes. Of several proportional
+    lengths only the first is used: the travel of a joint rather than the height of the tool. The row number is excluded
+    if a clock rises with the row, since another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]

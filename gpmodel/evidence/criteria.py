@@ -1,4 +1,4 @@
-"""The limits of all tests of a candidate effect, and the verdict from these tests."""
+"""The limits of all acceptance tests of a candidate effect, and the verdict from the tests."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ class Criteria:
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
-            With 0, evidence and permutation null decide, and predictions must not become worse. With 1.5 the model of
-            90 poses of a measured cobot lost a third of its effects; its error rose by a fifth (CONTRIBUTING).
+            With a limit of 0, predictions must not become worse. With 1.5 the model of 90 poses of a measured cobot
+            lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
         apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines, in standard errors.
             1.5 = 3 / 2: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
         clear_cv_t: least cross-validated gain of an unnamed formula over no effect, over a named effect and over a part
             of the formula, in standard errors: two-sided 5 %, as some of many formulas gain by chance.
         minimum_share: least share of an effect's motion that the other effects of the model do not explain. With a
             smaller share, a relative model error of 0.01 decides the coefficient.
-        scored_share: least unique share of a column that is scored; with less, its coefficient is rounding error.
-        largest_between: largest ratio of a basis function between poses to its size at the poses; more is a pole.
+        scored_share: least unique share of a scored column; with less, its coefficient is a rounding error.
+        largest_between: largest ratio of a basis function between poses to its size at the poses; beyond is a pole.
     Limits for naming:
         head_start: gain, nats, by which an unnamed formula, without a cause, has to exceed a named effect.
-        naming_margin: price of an unnamed smooth term for which formulas are offered, nats.
-        tie: difference in gain within which the shortest of equivalent formulas is used, nats.
+        naming_margin: penalty of a smooth term for which formulas are candidates too, nats.
+        tie: difference in gain within which the shortest of several formulas is selected, nats.
     Selection of groups of effects:
         one_pose_share: largest share of a group's gain from a single pose; with more, the group fits an outlier.
     Poses:
@@ -38,7 +38,7 @@ class Criteria:
         blocks: number of stretches of rows, and of regions of space, with dependent errors; with ten, each stretch is
             long enough to contain a drift.
         outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
-            pose in 5e8.
+            in 5e8.
         folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
         shuffles: number of permuted residuals on which the catalogue is scored.
         confirmation: largest one-sided p-value of the held-out test that the findings predict better than the standard
@@ -67,7 +67,7 @@ class Criteria:
     input_significance: float = 0.05
 
     def rests_on_one_pose(self, gained: Array) -> bool:
-        """Return whether most of a gain is from one pose: a group fitted to an outlier. gained: gain at each pose."""
+        """Return whether most of a group's gain is from one pose, an outlier. gained: gain at each pose."""
         return float(gained.max()) > self.one_pose_share * float(gained.sum())
 
 

@@ -53,7 +53,7 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
 
 
 def paired_t(gain: Array) -> float:
-    """Return the mean of a gain divided by its standard error; 0 if all values of the gain are equal."""
+    """Return the mean of gains divided by its standard error; 0 if all gains are equal."""
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     return float(gain.mean()) / spread if spread > 0 else 0.0
 

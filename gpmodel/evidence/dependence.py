@@ -1,4 +1,4 @@
-"""Estimate how dependent poses inflate a coefficient's variance: repeats, stretches of rows, regions of space."""
+"""Estimate how dependence between poses (repeats, stretches of rows, regions) inflates a coefficient's variance."""
 
 from collections.abc import Iterator
 
@@ -58,7 +58,7 @@ def _if_above(ratio: float, count: int) -> float:
 
 
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
-    """Shrink a variance inflation toward the mean inflation of the model's columns, by the share of chance in it.
+    """Shrink a variance inflation toward the mean inflation of the model's columns, as far as it is due to chance.
 
     The result is m + (ratio - m) τ² / (τ² + c), with mean m and variance v of the inflation of the columns, variance c
     = 2 m²/blocks of an inflation under independence, and τ² = max(0, v - c). Without dependence all inflations are
@@ -93,7 +93,7 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
 def order_matters(residual: Residual, candidate: Candidate) -> bool:
     """Return whether dependence between rows would bias a cross-validation with random folds.
 
-    Dependence matters if the rows are in the order of measurement, or if the candidate depends on the row number.
+    The order matters if the rows are in the order of measurement, or if the candidate depends on the row number.
     """
     return residual.poses.states.past is not None or "row" in candidate.inputs
 
@@ -109,7 +109,7 @@ def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
 
 
 def regions(points: Array, count: int) -> IntArray:
-    """Return the region number of each point. The largest region is halved again and again at its median."""
+    """Return the region number of each point; the largest region is repeatedly halved at its median."""
     region = np.zeros(len(points), dtype=np.int64)
     for new in range(1, count):
         own = np.flatnonzero(region == np.argmax(np.bincount(region)))

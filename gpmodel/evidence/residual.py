@@ -66,7 +66,7 @@ def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.
 
 
 STEPS, SETTLED = 30, 1.01
-"""Largest number of iterations for the noise σ, and the ratio of successive σ below which the iteration ends."""
+"""Largest number of iterations for the noise σ, and ratio of successive σ at which they end."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Residual:
     fold_of_row: fold of each measured row in the cross-validation.
     block_of_pose: number of the block of each pose; a block counts as one observation.
     gram: inner products of the columns; empty if no effect has a prior.
-    scale_rows: number of prior rows on lengths and tool point, the only rows that fix the overall scale.
+    scale_rows: number of prior rows on lengths and tool point, which fix the overall scale.
     noise: standard deviation σ that weights the priors, m.
     """
 
@@ -103,7 +103,7 @@ class Residual:
 
     @property
     def measured(self) -> int:
-        """Number of measured rows: measured components of all poses."""
+        """Number of measured components of all poses (rows of the residual)."""
         return len(self.fold_of_row)
 
     @property
@@ -133,7 +133,7 @@ class Residual:
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Return the columns of effects with the model projected out, and the share of each column that remains.
 
-        The share of a column with too large values (overflow) is zero.
+        A column with too large values (overflow) has the share zero.
         """
         asked = tuple(effects)
         found = self._projected.get(asked)
@@ -145,7 +145,7 @@ class Residual:
 
     @cached_property
     def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
-        """Cache of the last projected columns, which all tests of one candidate effect use."""
+        """Cache of the last projected columns, which all tests of a candidate effect use."""
         return {}
 
     def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -218,7 +218,7 @@ class Residual:
 
     @cached_property
     def contiguous_folds(self) -> "Residual":
-        """Residual with stretches of rows in the place of random folds, so that neighbouring rows are in one fold."""
+        """The residual with folds of consecutive rows instead of random folds, so that neighbours are in one fold."""
         first = np.full(self.block_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.block_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.block_of_pose]

@@ -1,1 +1,1 @@
-"""Genetic programming with linear instruction sequences and trees, independent of robots."""
+"""Genetic programming with linear instruction sequences and trees, for any residual."""

@@ -1,4 +1,4 @@
-"""Values of a formula between the rows of a table: a formula that explodes there describes the table worse.
+"""Values of a formula between the rows of a table: a formula with a pole between rows describes the table worse.
 
 A pole or a singularity between two rows has no effect on the residuals of the rows. The values of the formula and of
 its parts are therefore also computed at random points between neighbouring rows.
@@ -13,10 +13,10 @@ from gpmodel.arrays import Array
 from gpmodel.formula.program import Program
 
 NEIGHBOURS = 8
-"""Number of points per row, each at a random position between the row and another of its nearest neighbours."""
+"""Number of test points per table row, each at a random position between the row and one of its nearest neighbours."""
 EXPLODED = 2.0
-"""Ratio of a part of a formula to its largest value at the rows, above which the formula counts as exploded. A linear
-part stays below 1; a pole between the rows reaches about NEIGHBOURS."""
+"""Ratio of a part of a formula between rows to its largest value at the rows, above which the formula counts as
+exploded. For a linear part the ratio is below 1; at a pole between the rows about NEIGHBOURS."""
 
 
 class PointsBetween:
@@ -34,10 +34,10 @@ class PointsBetween:
         self.columns = dict(zip(columns, np.concatenate([table, points]).T, strict=True))
 
     def loss(self, program: Program, factor: float = 1.0) -> float:
-        """Return the mean square of what a formula explodes between the rows, as a share of the response's variance.
+        """Return the mean square deviation of a formula with poles between rows, as a share of the response's variance.
 
-        At points at which a part of the formula explodes, the deviation of the formula from the line between its values
-        at both rows counts. An undefined value counts as the standard deviation of the response.
+        At points at which a part of the formula explodes, its deviation from the line between its values at both rows
+        is used. An undefined value is replaced by the standard deviation of the response.
         """
         if not len(self.last):
             return 0.0

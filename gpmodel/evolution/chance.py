@@ -1,4 +1,4 @@
-"""Compute the p-value of a score from the best scores on permuted residuals."""
+"""Compute the p-value of a score from the largest scores of searches on permuted residuals."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array
 
 FEWEST = 3
-"""Least number of scores on permuted residuals. With fewer scores, the p-value is 1."""
+"""Least number of scores on permuted residuals for a p-value. With fewer scores, the p-value is 1."""
 _EULER = 0.5772156649015329
 _KURTOSIS = 5.4
 _NODES = 21
@@ -26,7 +26,7 @@ class PValue:
 def permutation_p_value(value: float, null: Array) -> PValue:
     """Return the p-value of a score, given the largest scores of T searches on permuted residuals.
 
-    If some of these scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of
+    If some of the T scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of
     the fitted distribution, otherwise the tail. With fewer than FEWEST finite scores the p-value is 1.
     """
     finite = null[np.isfinite(null)]

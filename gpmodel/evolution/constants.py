@@ -26,8 +26,8 @@ def polish(
     """Fit the constants of a program at a site by least squares; return the program and its gain.
 
     The method is Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at
-    every step. Constants with a value in ``held`` are not fitted. The gain never decreases in the fit. A program with
-    several outputs, or without a free constant, is returned unchanged.
+    every step. Constants with a value in ``held`` are not fitted. The fit never lowers the gain. A program with several
+    outputs, or without a free constant, is returned unchanged.
     """
     place = targets if targets.sites == 1 else targets.only(site)
     free = np.array([value not in held for value in program.constants], dtype=bool)
@@ -46,8 +46,8 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Return a program as three rows: the op-code and the two arguments of each node. names: names of the
-    inputs, in the order of their numbers."""
+    """Convert a program to three rows: the op-code and the two arguments of each node. names: names of the inputs, in
+    the order of their numbers."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 
     numbers = count()
@@ -65,7 +65,7 @@ def _nodes(program: Program, names: Sequence[str]) -> IntArray:
 def own_constants_polished(
     program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
 ) -> Array:
-    """Return the fitted constants that a program carries; constants that reach no output are unchanged."""
+    """Fit the constants that an evolved program carries; constants that reach no output are unchanged."""
     better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
     change = dict(zip(program.constants, better.constants, strict=True))
     return np.array([change.get(value, value) for value in own.tolist()])

@@ -26,7 +26,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def over_slices(count: int, threads: int, work: Callable[[slice], None], size: int = SLICE) -> None:
-    """Call ``work`` on fixed slices of ``range(count)``; the slices do not depend on ``threads``."""
+    """Call the function ``work`` on slices of ``range(count)``, which do not depend on the number of threads."""
     slices = [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
     if threads == 1 or len(slices) == 1:
         for part in slices:
@@ -36,11 +36,11 @@ def over_slices(count: int, threads: int, work: Callable[[slice], None], size: i
 
 
 BLOCK = 128
-"""Number of poses that are run together if programs can be dropped: the values fit into the first-level cache."""
+"""Number of poses at which programs run together if they can be dropped: the values fit into the first-level cache."""
 
 LONG_BLOCK = 512
-"""Number of poses that are run together if no program is dropped. Values in the second-level cache cost less than four
-times as many jumps (18 %)."""
+"""Number of poses at which programs run together if none is dropped. Values in the second-level cache cost less than
+four times as many jumps (18 %)."""
 
 
 def empty_code(constants: Array, longest: int, outputs: int) -> Code:
@@ -67,8 +67,8 @@ def values(code: Code, fixed: Array) -> Array:
 
 
 def sizes(code: Code, base: int) -> NDArray[np.uint16]:
-    """Return for each program the number of nodes that reach exactly the outputs of each bit set.
-    base: number of rows of inputs and fixed constants."""
+    """Return for each program the number of nodes on which exactly the outputs of each bit set depend. base: number of
+    rows of inputs and fixed constants."""
     from gpmodel.evolution.kernels import batch
 
     return batch.sizes_by_outputs(code, base)
@@ -92,7 +92,7 @@ def _rows(code: Code, fixed: Array, block: int) -> Array:
 
 
 def workspace(name: str, shape: tuple[int, ...]) -> Array:
-    """Return a float64 array on a 64-byte boundary; the next call by the same thread with the same name reuses it."""
+    """Return a float64 work array on a 64-byte boundary; a next call by the thread with the same name reuses it."""
     size = int(np.prod(shape))
     held: dict[str, Array] = _buffers.__dict__
     if name not in held or held[name].size < size:

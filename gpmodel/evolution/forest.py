@@ -11,10 +11,10 @@ from gpmodel.evolution.engine import empty_code
 from gpmodel.evolution.machine import Layout
 
 OPERATOR_CODES = 32
-"""First code of a node that is an input or a fixed constant; smaller codes are operators."""
+"""First code of a tree node that is an input or a fixed constant; smaller codes are operators."""
 
 OWN_CONSTANT = 16384
-"""First code of a node that is one of the constants that a program carries."""
+"""First code of a tree node that is one of the constants that a program carries."""
 
 OWN_BYTE = 255
 """Byte of every constant that a program carries, in a packed tree (one byte per node)."""

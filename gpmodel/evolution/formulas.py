@@ -39,13 +39,13 @@ STARTED, STARTED_OF_SEVERAL = 200, 120
 """Number of short forms whose constants are fitted: for a formula of one input, and for one part of a formula of
 several inputs."""
 KEPT = 40
-"""Number of formulas in one input that are fitted to binned values first and to all poses afterwards."""
+"""Number of formulas of one input that are fitted to binned values first, and to all poses afterwards."""
 PIECES, PRODUCTS = 8, 48
-"""Number of formulas kept for each factor, summand, weighted sum or distance, those of shortest description; largest
+"""Number of formulas of shortest description that are kept for each factor, summand, weighted sum or distance; largest
 number of products of such formulas."""
 BEHIND = 40.0
-"""Largest difference in log likelihood, nats, to the most likely structure, at which a structure of several inputs is
-searched."""
+"""Largest difference in log likelihood, nats, to the most likely structure, at which a structure of a formula of
+several inputs is searched."""
 THIRDS = 4
 """Number of inputs that are tried as the third factor of a product with two inputs."""
 
@@ -94,7 +94,7 @@ def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
 class _Structure:
     """Structure of a formula in its inputs, such as a product of one formula per input.
 
-    noise: residual variance if smooth functions take the place of the formulas.
+    noise: residual variance with smooth functions in place of the formulas.
     programs: function that searches the formulas.
     """
 
@@ -121,7 +121,7 @@ def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
 
 
 def _nats(problem: SlotProblem, noise: float, less: float) -> float:
-    """Return the difference in log likelihood, nats, between the residual variances ``noise`` and ``less``."""
+    """Return the difference in log likelihood, nats, between two fits of residual variance ``noise`` and ``less``."""
     return 0.5 * problem.targets.components * float(np.log(noise / less))
 
 
@@ -141,7 +141,7 @@ def _structures_of_two(problem: SlotProblem) -> list[_Structure]:
 
 
 def _likely(problem: SlotProblem, structures: Sequence[_Structure]) -> list[_Structure]:
-    """Return the structures whose log likelihood is within BEHIND nats of the most likely structure."""
+    """Return the formula structures whose log likelihood is within BEHIND nats of the most likely structure."""
     least = min(structure.noise for structure in structures)
     return [one for one in structures if _nats(problem, one.noise, least) <= BEHIND]
 
@@ -174,8 +174,8 @@ def _sums(problem: SlotProblem) -> _Structure:
 
 
 def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
-    """Return sums of a formula of the input ``last`` and a product of formulas of the other inputs. Each part is
-    searched with the other part subtracted as a smooth function."""
+    """Return sums of a formula of the input ``last`` and a product of formulas of the other inputs. Product and summand
+    are each searched with the other one subtracted as a smooth function."""
     factor_names = [name for name in problem.inputs.names if name != last]
     columns = np.array([problem.inputs[name] for name in (*factor_names, last)])
     noise, product, summand = product_and_summand(problem.targets, columns)
@@ -203,7 +203,7 @@ def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Pr
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
-    """Return formulas for each input of a problem, searched with the residual statistics (Targets) of the input."""
+    """Return formulas for each input of a problem, searched in the residual statistics (Targets) of the input."""
     inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
     return [_of_column(problem, name, column, seen) for name, column, seen in inputs]
 
@@ -212,7 +212,7 @@ def _of_column(
     problem: SlotProblem, name: str, column: Array, targets: Targets,
     most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES),
 ) -> list[Program]:  # fmt: skip
-    """Return formulas of one input with values `column`, those of shortest description.
+    """Return formulas of shortest description of one input with values `column`.
     most: number of founders (first formulas) whose constants are fitted, and number of returned formulas."""
     few, seen = binned(column, targets)
     population = Formulas(replace(problem, inputs=Inputs((name,), few[None]), targets=seen))

@@ -1,4 +1,4 @@
-"""Short forms from which formulas are bred: elements of one input, elements of elements, products of two elements.
+"""Short formulas from which others are bred: elements of one input, elements of elements, products of two elements.
 
 An element is an operator of k (u - c), where u is the input scaled to [0, 1]: line, power, wave, bump, ramp, step, dead
 zone, saturation, pole, root, logarithm. Some forty thousand short forms, on a grid of k and c, are compared by
@@ -21,28 +21,28 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Node, Program
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
-"""Grid of the position of an element in the scaled input (0 to 1): first value, last value, number of steps; distances
-of poles and roots from the range of the input."""
+"""Grid of the position of an element of a formula in the scaled input (0 to 1): first value, last value, number of
+steps; distances of poles and roots from the range of the input."""
 STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
 """Grids of the rate k of smooth steps, waves, exponentials, and bumps and resonances, per range of the input: first
 value, last value, number of steps."""
 ROOTS = 0.1, 1.0, 8
 """Grid of the distances of the outer roots of a cubic from its middle root: first, last, number of steps. With four
-steps a plain cubic started so far off that two hundred other shapes ranked above it."""
+steps a plain cubic began so inaccurate that two hundred other shapes ranked above it."""
 EXPONENTS = (0.75, 1.25, 2.0)
 """Exponents p of the odd powers x |x|^p of the first formulas; even powers start at p + 1."""
 ALONE = 3
-"""Factor by which the grid of constants is finer for single elements: a sine of a wrong rate is uninformative."""
+"""Factor by which the grid of constants is finer for single elements: a sine of a wrong rate explains nothing."""
 LINE = "({q} - {a})"
-"""Text of the element that is the input minus a constant."""
+"""Text of the formula element that is the input minus a constant."""
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
 """Text of the step element; least fraction of the poses on either side of a step."""
 JOINED = 4.0
-"""Least gain of a further element, nats: approximately the price of its nodes and constants."""
+"""Least gain of a further element of a formula, nats: approximately the penalty of its nodes and constants."""
 APART = 1.001
-"""Ratio of two constants that start at one point of the grid. Constants of different values are fitted separately."""
+"""Ratio of two constants of one grid value, which makes them different, so that they are fitted separately."""
 BINS, CHUNK = 64, 1_000_000
-"""Number of values of an input at which elements are compared; largest size of an array of compositions."""
+"""Number of values of an input at which formula elements are compared; largest size of an array of compositions."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,13 @@ def _template(text: str) -> Program:
 
 
 def constant(value: float) -> Program:
-    """Return a program that is a constant, rounded to six digits."""
+    """Return a program that consists of a constant, rounded to six digits."""
     builder = Builder()
     return builder.program([builder.constant(float(f"{value:.6g}"))])
 
 
 def _inside(finer: int) -> list[float]:
-    """Return the positions of elements on the grid INSIDE, with ``finer`` times as many steps."""
+    """Return the positions of formula elements on a grid with ``finer`` times as many steps as INSIDE."""
     first, last, steps = INSIDE
     return list(np.linspace(first, last, steps * finer + 1).tolist())
 
@@ -134,26 +134,26 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 
 def _cubics() -> Iterator[Element]:
-    """Yield cubics by their middle root. A cubic as a product of a parabola and a line needs more constants."""
+    """Yield cubic polynomials by their middle root; a product of a parabola and a line needs more constants."""
     for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
 def _powers() -> Iterator[Element]:
-    """Yield powers with real exponents, odd or even about their root."""
+    """Yield powers with real exponents, odd or even about their root, as elements of formulas."""
     for c, p in product(_inside(ALONE), EXPONENTS):
         yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(lambda e, x: x * abs(x) ** e, p), c=c)
         yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(lambda e, x: abs(x) ** e, p + 1.0), c=c)
 
 
 def _rectified() -> Iterator[Element]:
-    """Yield rectified waves. As compositions, rectified waves start too far from the rate in the data."""
+    """Yield rectified sine waves, which as compositions of elements would begin too far from the rate in the data."""
     for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
         yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
 
 
 class Elements:
-    """Elements sorted by shape (text). every: all elements. first: position of the first element of each shape."""
+    """Formula elements sorted by shape (text). every: all elements. first: position of the first of each shape."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -190,15 +190,15 @@ def edges(column: Array) -> Elements:
 
 ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
-"""Squares about points outside an input's range, as arguments of other elements: a wave of a square is a chirp."""
+"""Squares about points outside an input's range, as arguments of other elements: a sine of a square is a chirp."""
 
 Build = Callable[[], Program]
 
 
 @dataclass(frozen=True)
 class Founder:
-    """A short form of a formula before its constants are fitted. nats: gain minus the price of its elements, nats.
-    build: function that makes the program."""
+    """A short formula before its constants are fitted. nats: gain minus the penalty of its elements, nats. build:
+    function that makes the program."""
 
     nats: float
     build: Build
@@ -249,7 +249,7 @@ def _nats(values: Array, targets: Targets) -> Array:
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield for each shape of element the element with the best constants, as a short form."""
+    """Yield for each shape of element the element with the best constants, as a short formula."""
     nats = _nats(elements.on_grid(column[None, :])[0], targets)
     for text in range(len(elements.texts)):
         numbers = elements.of_text(text)
@@ -299,7 +299,7 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
 
 
 def product_of(first: Program, second: Program) -> Program:
-    """Return the product of two programs. Constants that are equal only because of the grid are fitted separately."""
+    """Return the product of two programs, in which constants that are equal only by the grid are fitted separately."""
     apart = [value * APART if value in first.constants else value for value in second.constants]
     return combine("multiply", first, second.with_constants(apart))
 

@@ -1,4 +1,4 @@
-"""Generations of a population: scoring, selection, breeding, and fits of constants at intervals."""
+"""Generations of a population of programs: scoring, selection, breeding, and fits of constants at intervals."""
 
 from functools import reduce
 
@@ -75,9 +75,8 @@ class Generations:
     def scores_of_eligible(self, children: Population, few: int) -> Scores:
         """Return scores in which programs too bad to be selected may be infinite, which does not change the selection.
 
-        The maximum error over many poses is not computed to the end once the error exceeds a limit, taken from the
-        generation before. If fewer than ``few`` programs are below the limit, all programs are scored without the
-        limit.
+        Computing the maximum error over many poses stops once the error exceeds a limit, taken from the generation
+        before. If fewer than ``few`` programs are below the limit, all programs are scored without it.
         """
         found = self.scores(children, self.cutoff)
         if np.count_nonzero(found.score <= self.cutoff) < few:

@@ -16,7 +16,7 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The best program of one evolution run.
+    """Record of the best program of one evolution run.
 
     representation: name of the representation of programs, `linear` or `tree`.
     shuffled: whether the residual was permuted over the poses.
@@ -37,7 +37,7 @@ class Histogram:
     operators: {representation: number of runs that use each operator}.
     runs, shuffled_runs: {representation: number of runs}, on the residual and on permuted residuals.
     count_p, strength_p: the two p-values of each input that ``histogram`` computes.
-    significance: limit below which both p-values of a significant input are.
+    significance: limit of both p-values of a significant input.
     """
 
     inputs: tuple[str, ...]
@@ -52,7 +52,7 @@ class Histogram:
 
     @property
     def p_values(self) -> tuple[float, ...]:
-        """Larger of the two p-values of each input: programs have to use an input often, and have to be strong."""
+        """Larger of the two p-values of each input: many programs have to use a significant input, and gain much."""
         return tuple(map(max, self.count_p, self.strength_p))
 
     @property
@@ -84,7 +84,7 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
     * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the best run that
     references the input (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall,
     Young 1993).
-    Runs on one residual agree even if the residual is noise. Counts alone would therefore make chance significant.
+    Runs on one residual agree even if the residual is noise. Counts alone would therefore make noise significant.
     Raises InputError if there is no run.
     """
     if not records:
@@ -108,10 +108,10 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
 
 
 def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
-    """Return the price -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
+    """Return the penalty -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
 
     p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). Of N programs
-    evolved on residuals k reference the input, of N' on permuted residuals k'. Without runs every price is zero.
+    evolved on residuals k reference the input, of N' on permuted residuals k'. Without runs all penalties are 0.
     """
     references: dict[str, list[int]] = {}
     runs = sum(sum(h.runs.values()) for h in histograms)

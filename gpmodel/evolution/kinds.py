@@ -37,7 +37,7 @@ _UNARY: dict[str, dict[str, str]] = {
 
 
 def role(kind: str) -> str:
-    """Return the name under which the rules list a kind of quantity: "clock", the kind itself, or "quantity"."""
+    """Return the name of a kind of quantity in the typing rules: "clock", the kind itself, or "quantity"."""
     if kind in CLOCKS:
         return "clock"
     return kind if kind in _UNARY or kind == CONSTANT else "quantity"

@@ -21,7 +21,7 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
 PRICE = 3.0
-"""Price of a node or a constant of a formula, nats: the logarithm of some twenty operators and inputs."""
+"""Penalty of a node or a constant of a formula, nats: the logarithm of some twenty operators and inputs."""
 LARGEST_POWER = 8
 """Largest integer power that is written as a product."""
 
@@ -93,9 +93,9 @@ class LinkFunction:
     ) -> Program | None:
         """Return the formula with given terms above and ``below`` the fraction bar, with coefficients by least squares.
 
-        Terms that gain less than their price are left out. An exponent becomes the nearest multiple of 1/2 if the price
-        of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return None if
-        no term remains or a column is not finite.
+        Terms that gain less than their penalty are left out. An exponent becomes the nearest multiple of 1/2 if the
+        penalty of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return
+        None if no term remains or a column is not finite.
         """
         every = [*self.always(inputs), *terms]
         root, under = self.root_weights(response), [term.evaluate(inputs)[0] for term in below]
@@ -145,8 +145,8 @@ def summed(terms: Sequence[tuple[Program, float]]) -> Program:
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
-    """Return {column of `table` (points, terms): coefficient}. A coefficient is free if it gains its price. Of more
-    columns than points the last are left out."""
+    """Return {column of `table` (points, terms): coefficient}. A coefficient is fitted if its gain exceeds its penalty.
+    If there are more columns than points, the last are left out."""
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0)[: len(there) - 1].tolist()
     held: dict[int, float] = {}

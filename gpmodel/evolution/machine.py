@@ -13,7 +13,7 @@ from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
 ACCUMULATOR = np.uint32(1 << 31)
-"""Bit that stands for the accumulator in a bit set of registers."""
+"""Bit that represents the accumulator in a bit set of registers."""
 
 
 @dataclass(frozen=True)

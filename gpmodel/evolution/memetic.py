@@ -1,4 +1,4 @@
-"""Breeding of formulas at one site: crossover, composition and single edits, with constants fitted.
+"""Breeding of formulas at one site: crossover, composition and single edits, with fits of constants.
 
 An individual is an expression with one output. The coefficient of an expression is solved by projection, and its
 constants are fitted by variable projection (``constants.polish``). Offspring are compared by the net gain, nats, with
@@ -27,10 +27,10 @@ from gpmodel.formula.program import Builder, Node, Program, description_size
 LONGEST = 30
 """Largest number of nodes of a formula."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
-"""Number of parents, the formulas of shortest description; number of offspring whose constants are fitted; largest
-number of generations."""
+"""Number of parents, which are the formulas of shortest description; number of offspring whose constants are fitted;
+largest number of generations."""
 FIRST_STEPS = 4
-"""Number of steps in which constants are fitted before only the better half of the formulas is continued."""
+"""Number of steps that fit the constants of all new formulas; then only the better half of them is fitted further."""
 IMPROVED = 1.0
 """Least fall of the description length in a generation, nats, for another generation to follow."""
 DIGITS = 1e-4
@@ -40,7 +40,7 @@ DIGITS = 1e-4
 class Formulas:
     """A population of formulas with one output at the first site of a problem; each different formula is fitted once.
     allows: function that returns whether a program is allowed as a formula. loss: function that returns a share of the
-    residual sum of squares that a program with one coefficient leaves in addition to its residual."""
+    residual sum of squares as a penalty of a program, in addition to its residual."""
 
     def __init__(
         self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True,
@@ -192,7 +192,7 @@ def _offspring(
 
 
 def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
-    """Yield for each shape of element the best constants. nats: gain of each element, nats."""
+    """Yield for each shape of formula element the best constants. nats: gain of each element, nats."""
 
     def best(text: int) -> Program:
         numbers = ELEMENTS.of_text(text)
@@ -305,4 +305,4 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
-"""Number of nodes that each element adds to a formula."""
+"""Number of nodes that each element, such as a wave or step, adds to a formula."""

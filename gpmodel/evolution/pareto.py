@@ -1,4 +1,4 @@
-"""The Pareto front of a run: the program with the largest gain at every complexity."""
+"""The Pareto front of a run of genetic programming: the program with the largest gain at every complexity."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class Solution:
-    """A program, its site, and its gain.
+    """An evolved program, its site, and its gain.
 
     gain: share of the residual sum of squares (effect at a site) or of the norm (compensator) that the program removes.
     coefficients: factors of the program's outputs (ones for a compensator).
@@ -36,7 +36,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Elite:
-    """A program as a population of one.
+    """An evolved program as a population of one.
     gain: largest gain of the program, reached at ``site`` with the outputs in the bit set ``chosen``."""
 
     population: Population
@@ -46,7 +46,7 @@ class Elite:
 
 
 class Archive:
-    """Store of the program with the largest gain at each complexity."""
+    """Store of the evolved program with the largest gain at each complexity."""
 
     def __init__(self) -> None:
         self.best_gain = 0.0
@@ -96,7 +96,7 @@ def pareto(
 
 
 def description_length(solution: Solution, problem: SlotProblem) -> float:
-    """Return the description length of a solution at a site, nats, with the price of its nodes and coefficients."""
+    """Return the description length of a solution at a site, nats, with the penalty of its nodes and coefficients."""
     return -float(problem.nats(solution.gain, solution.complexity + len(solution.coefficients)))
 
 

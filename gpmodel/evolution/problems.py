@@ -1,4 +1,4 @@
-"""Problems of a search: a compensator in Cartesian space, or the basis function (and site) of an effect."""
+"""Problems of genetic programming: a compensator in Cartesian space, or the basis function (and site) of an effect."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -68,9 +68,9 @@ class CartesianProblem:
 
     norm: "max" (Fig 5.5) or "rms" of the distances over the poses.
     inputs: the inputs x, y, z are the points of the model in the unit of ``measured``; the registers start with them.
-    parsimony: price of a node in the unit of ``measured``.
-    The gain is the share of the norm that the program removes. Raises InputError if x, y or z is missing or measured
-    points are not finite.
+    parsimony: penalty of a node in the unit of ``measured``.
+    The gain of a program is the share of the norm that the program removes. Raises InputError if x, y or z is missing
+    or measured points are not finite.
     """
 
     inputs: Inputs
@@ -123,14 +123,14 @@ class CartesianProblem:
 
 
 def never() -> bool:
-    """Return False: the time of a search without a limit is never over."""
+    """Return False, as the time of a search without a limit is never over."""
     return False
 
 
 @dataclass(frozen=True)
 class SlotProblem:
-    """Search for the basis function of an effect and its site; coefficients are solved by projection. parsimony: price
-    of a node or a coefficient, nats. is_over: function that returns whether the time of the search is over."""
+    """Search for the basis function of an effect and its site; coefficients are solved by projection. parsimony:
+    penalty of a node or a coefficient, nats. is_over: function that returns whether the time of the search is over."""
 
     inputs: Inputs
     targets: Targets
@@ -152,7 +152,7 @@ class SlotProblem:
         return slot_scores(code, fixed, self.targets, self.parsimony)
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
-        """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) minus the price of the
+        """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) minus the penalty of the
         size."""
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 

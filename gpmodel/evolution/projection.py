@@ -18,7 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.rows import independent, row_products, unit_rows
 
 UNIQUE_SHARE = 1e-4
-"""Least share of a column outside the span of the model's columns, for a gain above zero (default)."""
+"""Default of the least share of a column outside the span of the model's columns, for a gain above zero."""
 
 SMALLEST = 1e-150
 """Largest magnitude of a basis function below which it counts as zero: its squares underflow."""
@@ -63,7 +63,7 @@ class Targets:
 
     @property
     def poses(self) -> int:
-        """Number of poses."""
+        """Number of poses in the residual statistics."""
         return int(self.pull.shape[1])
 
     @property
@@ -191,8 +191,8 @@ class Targets:
         return gains / self.energy
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
-        """Return the gain with given coefficients, for instance on other poses; negative if the residual becomes
-        larger."""
+        """Return the gain of basis functions with given coefficients, as on other poses; negative if the residual
+        becomes larger."""
         used = coefficients != 0.0
         shape = coefficients[used] @ values[used]
         if not np.all(np.isfinite(shape)) or self.energy <= 0:

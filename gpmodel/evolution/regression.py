@@ -1,4 +1,4 @@
-"""Symbolic regression of any table: programs are bred under links of the response, and the best are bred further.
+"""Symbolic regression of any table: programs are bred under link functions of the response, the best ones further.
 
 Under every link function (``gpmodel.evolution.links``) a population of linear sequences is bred, with the coefficients
 of four outputs solved together. The formulas of the best programs are founders of one population of formulas of the
@@ -37,15 +37,15 @@ from gpmodel.formula.program import Program
 EXACT = 1e-20
 """Share of the response's variance below which a residual is a rounding error (rounding errors: about 1e-28)."""
 PROMISING = 1.0 - 1e-7
-"""Gain above which the formula of a program is at once tested for exactness."""
+"""Gain above which the formula of a program is tested for exactness at once."""
 ROWS = 100
-"""Number of rows of a search per second of computing time, and in addition. Of a longer table random rows are searched;
-the constants of the best formulas are fitted to all rows afterwards."""
+"""Number of table rows that are searched per second of computing time, and in addition. Of a longer table random rows
+are searched; the constants of the best formulas are fitted to all rows afterwards."""
 FINISHING, FOUNDERS = 0.15, 12
 """Share of the computing time in which the best formulas are bred further, formulas of one term are searched, or
 formulas are fitted to all rows of a long table; number of formulas that are bred further."""
 PASSES = 2
-"""Number of solutions of a quotient, each weighted by the denominator of the previous solution."""
+"""Number of least-squares solutions of a quotient, each weighted by the denominator of the previous solution."""
 MOST_INPUTS = 2
 """Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best link
 function."""
@@ -53,12 +53,12 @@ SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constan
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """Limits of the evolution of one population under a link function."""
 COMPILING = 10
-"""Number of looks at the clock of the search that compiles the loops, enough for a generation and the last steps."""
+"""Number of time checks of the small search that compiles the loops: one generation and the last steps."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """A formula of a response. left: share of the response's variance in the residual, and in explosions of the formula
+    """A formula of a response. left: share of the response's variance in the residual and in poles of the formula
     between the rows. nats: description length, nats."""
 
     program: Program
@@ -82,7 +82,7 @@ def regression_front(
 
     The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(share of
     variance) + PRICE (nodes + constants), with the share in the residual and in explosions between the rows
-    (``gpmodel.evolution.between``). Link functions take turns of one generation; a population without progress is
+    (``gpmodel.evolution.between``). Each link function gets one generation in turn; a population without progress is
     replaced by a random one. A table of more than ROWS (1 + seconds) rows is searched on random rows. Constant
     inputs are left out. Raises InputError if the response is constant or not finite.
     """
@@ -121,7 +121,7 @@ def _compile_loops() -> None:
 def _searched(
     inputs: Inputs, response: Array, rng: np.random.Generator, is_past: Callable[[float], bool], between: PointsBetween
 ) -> list[Law]:
-    """Return the formulas of a search: programs are bred under all links, and the best formulas are bred further.
+    """Return the formulas of a search: programs are bred under all link functions, the best formulas further.
     is_past: function that returns whether a share of the computing time is over."""
     judged = _Judge(inputs.mapping(), response, between)
     found = judged(map(parse, (repr(float(response.mean())), *map(repr, inputs.names))))
@@ -145,7 +145,7 @@ def _searched(
 
 
 def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Return the formulas that fit better than all shorter ones, shortest first."""
+    """Return the formulas that fit better than all shorter formulas, shortest first."""
     front: list[Law] = []
     for law in sorted(laws, key=lambda law: (law.length, law.left)):
         if not front or law.left < front[-1].left:
@@ -192,7 +192,7 @@ class QuotientProblem(SlotProblem):
         """Return for each program the share of the response's variance in the residual of its quotient.
 
         offered: terms of numerator and denominator, (programs, terms, points). chosen: terms in use. The denominator
-        scales the errors; each pass divides them by the previous denominator (Sanathanan and Koerner 1963).
+        scales the errors; each iteration divides them by the previous denominator (Sanathanan and Koerner 1963).
         """
         programs, columns, points = offered.shape
         table = np.concatenate([np.ones((programs, 1, points)), np.where(chosen[:, :, None], offered, 0.0)], axis=1)
@@ -249,7 +249,7 @@ class _Island:
         return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
 
     def step(self, guests: Iterable[Population]) -> Iterator[Program]:
-        """Breed one generation, or restart with programs of other populations; return formulas that may be exact."""
+        """Breed one generation, or begin anew with programs of other populations; return formulas that may be exact."""
         if self.is_stuck:
             self.idle, self.record = 0, np.inf
             self.population, self.scores = self.run.start()
@@ -264,13 +264,13 @@ class _Island:
         return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
-        """Return sums of one further term and the terms that all formulas under the link have."""
+        """Return sums of one further term and the terms that all formulas under the link function have."""
         if self.link.quotient:
             return self.formulas([])
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Return the formulas of the best programs of all sizes."""
+        """Return the formulas of the best programs of every size."""
         return self._of_sizes(self.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
@@ -306,7 +306,7 @@ class _Judge:
     between: PointsBetween
 
     def __call__(self, programs: Iterable[Program]) -> list[Law]:
-        """Return programs with finite values as formulas, times the best factor."""
+        """Convert programs with finite values to formulas, each multiplied by its best factor."""
         found, response = list[Law](), self.response
         variance = float(np.sum(np.square(response - response.mean())))
         for program in programs:

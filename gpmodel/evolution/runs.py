@@ -1,4 +1,4 @@
-"""Parallel runs of the evolution, each stored as it finishes, and as many runs on permuted residuals."""
+"""Parallel runs of genetic programming, each stored as it finishes, and as many runs on permuted residuals."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -24,15 +24,15 @@ Number = tuple[int, int]
 
 
 class KeptRuns:
-    """Storage of finished runs, so that an interrupted search repeats only unfinished runs. The base class stores
-    nothing."""
+    """Storage of finished evolution runs, so that an interrupted search repeats only unfinished runs. The base class
+    stores nothing."""
 
     def run(self, number: Number) -> Evolution | None:
-        """Return the run with the given number, or None if the run has not finished."""
+        """Return the stored run with the given number, or None if the run has not finished."""
         return None
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Store a run. Raises WriteError if the run cannot be written."""
+        """Store a finished evolution run. Raises WriteError if the run cannot be written."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Task:
 
 
 def run_task(task: Task) -> Evolution:
-    """Execute one run; its result does not depend on the process."""
+    """Execute one run of genetic programming; its result does not depend on the process."""
     problem = task.problem.shuffled(task.rng) if task.shuffled else task.problem
     return evolve(problem, task.settings, task.rng)
 
@@ -69,7 +69,7 @@ def load_loops(task: Task) -> None:
 def run_all(
     tasks: Mapping[Number, Task], workers: Workers, kept: KeptRuns, said: Callable[[int], None]
 ) -> Iterator[tuple[Number, Evolution]]:
-    """Yield every run with its number: stored runs first, then the other runs as they finish and are stored.
+    """Yield every evolution run with its number: stored runs first, then other runs as they finish and are stored.
     said: function called with the number of finished runs, first at the start; its exceptions end the search."""
     found = {number: run for number in tasks if (run := kept.run(number)) is not None}
     left = [number for number in tasks if number not in found]
@@ -85,15 +85,15 @@ def run_all(
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of runs: for each named setting `runs` runs, each with a partner on a permuted residual, from one seed."""
+    """Plan of evolution runs: for each named setting `runs` runs on the residual and as many on permuted residuals."""
 
     settings: Mapping[str, Settings]
     runs: int
     seed: int
 
     def tasks(self, problem: Problem) -> dict[Number, Task]:
-        """Return the task of every run. The key is the number of its setting, and twice the number of the run, plus one
-        if the residual is permuted.
+        """Return the task of every evolution run. The key is the number of its setting, and twice the number of the
+        run, plus one if the residual is permuted.
         Each task has a random stream that depends on the seed, the name of the setting and the number."""
         tasks = {}
         for place, (name, settings) in enumerate(self.settings.items()):
@@ -145,7 +145,7 @@ class Run:
 
 
 def known(value: float | None) -> float | None:
-    """Return a number, or None if the number is not finite."""
+    """Return a finite number, or None if the number is not finite."""
     return value if value is not None and np.isfinite(value) else None
 
 

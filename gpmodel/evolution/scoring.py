@@ -14,9 +14,9 @@ from gpmodel.evolution.projection import Targets
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of programs, one row per program.
+    """Scores of evolved programs, one row per program.
 
-    score: value that selection minimises.
+    score: value that the evolution minimises.
     gain: share of the residual that the program removes.
     complexity: number of nodes of the outputs in use.
     site: number of the program's best site.
@@ -33,7 +33,7 @@ class Scores:
 
     @staticmethod
     def empty(count: int) -> "Scores":
-        """Allocate the scores of `count` programs."""
+        """Allocate arrays for the scores of `count` programs."""
         complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
         return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 

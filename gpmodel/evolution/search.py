@@ -1,4 +1,4 @@
-"""The evolutionary search: one loop for both representations and both problems."""
+"""The loop of genetic programming, for sequences and trees, and for compensators and effects."""
 
 import time
 from dataclasses import dataclass, field, replace

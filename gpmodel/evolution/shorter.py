@@ -1,4 +1,4 @@
-"""Shorter forms of a program: one node less, or a constant at a value that needs no node.
+"""Shorter forms of an evolved program: one node less, or a constant at a value that needs no node.
 
 Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and
 a constant equal to another constant, whose terms can be merged:
@@ -62,7 +62,7 @@ def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Pr
 
 
 def _without_constant(program: Program, index: int, node: Node) -> Iterator[Program]:
-    """Yield the program with a sum, difference or power written without its constant."""
+    """Yield the program without the constant of a sum, difference or power."""
     nodes = program.nodes
     for place, argument in enumerate(node.arguments):
         inner, other = nodes[argument], node.arguments[-1 - place]

@@ -52,20 +52,20 @@ class Sines:
 
 
 LENGTH = 0.35
-"""Correlation length over half the range of an input, like that of a bump over a fifth of the range."""
+"""Correlation length of a smooth function over half its input's range: that of a bump over a fifth of the range."""
 BEYOND = 100.0
-"""Largest prior variance that is tried, relative to the variance at which a function equals the whole residual."""
+"""Largest trial prior variance, relative to the variance at which a smooth function equals the whole residual."""
 SETTLED = 1e-4
-"""Relative change of the noise variance below which iterations end."""
+"""Relative change of the noise variance below which iterations for a smooth function end."""
 TURNS, KEPT = (3, 15), 4
-"""Number of iterations over the factors of a product from every start, and from the best starts; number of those."""
+"""Numbers of iterations over a product's factors from every initial value and from the best ones; number of these."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
-"""Number of starts of each factor but the first (its slowest sines), by the number of factors."""
+"""Number of initial values (slow sines) of each factor but the first, by the number of factors of a product."""
 PARTS_IN_TURN = 3
-"""Number of iterations over a product and a summand. A fourth changes a part by less than a tenth of the noise."""
+"""Number of iterations over a product and a summand; a fourth changes either by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
-"""Number of weights from -1 to 1 that are tried for each input but one in a weighted sum, by the number of inputs;
-largest weight."""
+"""Number of trial weights from -1 to 1 of each input but one in a weighted sum, by the number of inputs; largest
+weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
 """Tolerances of the optimisation of the weights in a weighted sum of inputs."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
@@ -179,8 +179,8 @@ def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
 def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array, Array]:
     """Fit the sum of a function of the last column and a product of functions of the other columns (columns, poses).
 
-    Each part is fitted in turn with the other part subtracted. Return the residual variance, the product (poses,) and
-    the summand (poses,).
+    Product and summand are fitted in turn, with the other one subtracted. Return the residual variance, the product
+    (poses,) and the summand (poses,).
     """
     basis = Sines.of("", columns[-1], LENGTH).values
     summand = basis @ _settled(targets, basis).coefficients

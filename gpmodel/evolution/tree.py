@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gpmodel.evolution.tree_breeding import TreeBreeding
 
 SHALLOW, DEEPEST_START = 1, 4
-"""Depths between which trees of ramped half-and-half start (Koza 1992: 2 to 6, for larger populations)."""
+"""Smallest and largest depth of initial trees by ramped half-and-half (Koza 1992: 2 to 6, for larger populations)."""
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,10 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class TreeBreeding:
-    """Creation and variation of trees.
+    """Creation and variation of programs that are trees.
 
     style: style as in ``Tree``; the variation operators of "thesis" are completed so that every tree is valid.
-    shallow, start_depth: depths between which trees start, by ramped half-and-half.
+    shallow, start_depth: smallest and largest depth of initial trees, by ramped half-and-half.
     depth: largest depth of a tree.
     """
 
@@ -150,7 +150,7 @@ def _complete(
 def depth_first_crossover(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
 ) -> tuple[gp.PrimitiveTree]:
-    """Return the mother's nodes up to a random point, then the father's after it, in depth-first order (Fig 5.6).
+    """Return the mother's nodes up to a random point, then the father's nodes after it, in depth-first order (Fig 5.6).
 
     The father's nodes are used until the child is complete. If the father's nodes run out, or the father is shorter
     than the point, open arguments become random leaves.

@@ -47,7 +47,7 @@ ConstantNode.code = OWN_BYTE
 class Individual:
     """Several trees that are bred together. codes: prefix codes of the trees, one byte per node.
 
-    The code of a tree is empty until the tree is packed. A packed tree is never changed; variation works on a copy.
+    The codes of a tree are empty until the tree is packed. A packed tree is never changed; variation works on a copy.
     """
 
     trees: tuple[gp.PrimitiveTree, ...]

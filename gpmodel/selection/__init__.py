@@ -1,1 +1,1 @@
-"""Selection of groups of effects by marginal likelihood."""
+"""Selection of groups of error effects by marginal likelihood."""

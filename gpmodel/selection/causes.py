@@ -26,8 +26,8 @@ from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
-"""A candidate within NEAR nats of the best one is re-estimated, at most MOST candidates; others have a probability
-below 0.0001. ALIKE: relative difference of motion up to which the measured poses cannot separate two candidates."""
+"""Candidates within NEAR nats of the best log evidence, at most MOST, are re-estimated; others are improbable (<
+0.0001). ALIKE: relative difference of motion up to which the measured poses cannot separate two candidates."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class CredibleSet:
-    """Possible causes of a finding, the most probable first. none: probability (0 to 1) that the cause has no name."""
+    """Possible causes of a finding, the most probable first. none: probability (0 to 1) of a cause without a name."""
 
     causes: tuple[Cause, ...]
     none: float
@@ -78,12 +78,12 @@ def _named(group: Group) -> bool:
 
 
 def _kind(group: Group) -> str:
-    """Return the name of a group with symbols in place of the constants inside its basis functions."""
+    """Return the name of a group of effects with symbols in place of the constants in its basis functions."""
     return group.inner.name if group.inner else group.name
 
 
 def _amount(model: Active, g: int, trial: Active, h: int) -> float:
-    """Return the motion by a group's effects if group h replaces group g, as a multiple of the motion in the model."""
+    """Return the motion by selected effects if group h replaces group g, as a multiple of their motion in the model."""
     own, other = _motion(model, g), _motion(trial, h)
     square = sum(value**2 for value in own.values())
     return sum(value * other[term] for term, value in own.items() if term in other) / square if square else 0.0
@@ -118,7 +118,7 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
 
 
 def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
-    """Return the objective L, nats, of the model with each smooth term in the place of group g, one value a term."""
+    """Return the objective L, nats, of models in which one smooth term replaces group g, one value per term."""
     slots = {slot for e in model.pool.groups[g].effects for slot in e.slots}
     there = [site for site in sites if not slots.isdisjoint(slot for slot, _, _ in site.terms)]
     if not there or not inputs:
@@ -130,7 +130,7 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
     """Merge groups of one kind, and groups that move the measured points equally, to one cause each.
 
-    Return the probability of each cause and numbers of its groups, one of each kind. chance: of each group.
+    Return the probability of each cause, and numbers of its groups, one of each kind. chance: probability by group.
     """
     fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
     for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):
@@ -146,7 +146,7 @@ def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float,
 
 
 def _contribution(fewer: Active, h: int) -> Array:
-    """Return the least-squares contribution of group h to the residual of a model, one value per measured row."""
+    """Return the least-squares contribution of a group of effects to a model's residual, one value per measured row."""
     columns = fewer.pool.columns(h)
     columns = columns - fewer.spanned @ (fewer.spanned.T @ columns)
     return np.asarray(columns @ np.linalg.lstsq(columns, fewer.left, rcond=None)[0])

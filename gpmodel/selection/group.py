@@ -1,4 +1,4 @@
-"""Groups of effects that enter a model together under one prior variance, and the price of a group, nats."""
+"""Groups of effects that enter a model together under one prior variance, and the penalty of a group, nats."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +20,7 @@ CAP = 5e-3
 DECLARED_CAP = 0.3
 """Largest prior standard deviation √a of an effect that is known to exist, in the unit of the effect."""
 FEW = 2
-"""Largest number of coefficients of a single effect: a number, or a sine and cosine. A smooth term has more."""
+"""Largest number of coefficients of a simple group: one effect, or a sine and cosine. A smooth term has more."""
 FLAT = 1e-6
 """Relative variance below which a basis function counts as constant and thus as part of the geometry."""
 
@@ -55,10 +55,10 @@ class Group(Candidate):
     """Effects that enter a model together. Their coefficients u_k ~ N(0, a spread_k²) share one prior variance a.
 
     spreads: standard deviation of the coefficient of each effect for a = 1, scaled so that Σ spread_k² var(φ_k) = 1
-    for basis functions φ_k. √a is then the RMS motion of the group's site, rad or m. where: slot (frame of the chain)
-    and axis of the site. cap: largest √a; for specified priors the specified value. always_included: exempt from
-    deletion. parts: groups of one kind at several sites that form the group, empty for a plain group. inner: constants
-    inside basis functions; None if there are none or an effect is deleted.
+    for basis functions φ_k. √a is then the RMS motion of the group's site, rad or m. where: frame (slot) and axis of
+    the site. cap: largest √a; for specified priors the specified value. always_included: exempt from deletion. parts:
+    groups of one kind at several sites that form the group, empty for a plain group. inner: nonlinear constants in
+    basis functions; None without any or if an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -80,7 +80,7 @@ def is_curve(candidate: Candidate) -> bool:
 
 
 def spread_of(effect: Effect, shapes: Shapes) -> float:
-    """Return the standard deviation over the poses of an effect with coefficient 1; 0 if constant, NaN if infinite."""
+    """Return the standard deviation of a basis function over the poses; 0 if constant, NaN if infinite."""
     total, size = 0.0, 0.0
     for term in effect.terms:
         variance, square = shapes.moments(term.basis)
@@ -92,7 +92,7 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
     """Return a candidate as a group of effects that share one prior variance; None if no effect varies over the poses.
 
-    Finite priors give the ratios of the effects; effects without a prior contribute equally. Constant ones are omitted.
+    Finite priors set the ratios of the effects; effects without prior contribute equally. Constant effects are omitted.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
@@ -111,7 +111,7 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
     """Group the effects of constant geometric errors: all lengths, all angles, all with priors; others are single.
 
     These groups of geometric errors are always in the model, with prior variances limited to the errors of a machine
-    description. Without the limit, a wrist 29 cm off in a hardly determined direction fits like two curves.
+    description. Without the limit, a wrist 29 cm off in a hardly determined direction fits like two smooth terms.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:
@@ -128,7 +128,7 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
 
 
 def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
-    """Return groups of one kind of effect at several sites as one group with one prior variance. cost: price, nats."""
+    """Join groups of one kind of effect at several sites to one group with one prior variance. cost: penalty, nats."""
     share = 1.0 / math.sqrt(len(parts))
     effects = tuple(e for p in parts for e in p.effects)
     spreads = tuple(share * s for p in parts for s in p.spreads)
@@ -136,16 +136,16 @@ def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
 
 
 READABLE = 12
-"""Largest number of operations, inputs and constants of a readable formula; a longer one is no clearer than a curve."""
+"""Largest number of operations, inputs and constants of a formula that is clearer than a smooth term."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """Prices of groups of effects, nats: the gain in log evidence that a group needs to enter the model.
+    """Prices (penalties) of groups of effects, nats: the gain in log evidence that a group needs to enter the model.
 
-    limits: limits in nats; minimum_nats for any group, head_start for a group without a physical name, naming_margin
-    for a smooth term or a long formula. of_input: price of each input variable, nats, from the inputs of evolved
-    programs; other inputs are free. with_formulas: names of smooth terms for which formulas are offered.
+    limits: limits in nats; minimum_nats for any group, head_start for a group without a named cause, naming_margin for
+    a smooth term or a long formula. of_input: penalty of each input variable, nats, from the inputs of evolved
+    programs; 0 for other inputs. with_formulas: names of smooth terms for which formulas are offered.
     """
 
     limits: Criteria = field(default_factory=Criteria)
@@ -153,16 +153,16 @@ class Price:
     with_formulas: frozenset[str] = frozenset()
 
     def to_describe(self, group: Group) -> float:
-        """Return the log of the number of alternatives to a group, plus the price of an unnamed group, nats."""
+        """Return a group's description penalty, nats: log of the number of alternatives, more without a named cause."""
         return group.cost + self.limits.head_start * (not group.family)
 
     def to_enter(self, group: Group) -> float:
-        """Return the gain, nats, that a group needs to enter: minimum, price of its description and of its inputs."""
+        """Return the log evidence gain, nats, that a group needs: minimum plus penalties of description and inputs."""
         read = [self.of_input.get(name, 0.0) for name in group.inputs]
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """Return the extra price, nats, of a group that is hard to read: long formula, or smooth term with formulas."""
+        """Return the extra penalty, nats, of a group that is hard to read (long formula, smooth term with formulas)."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

@@ -17,11 +17,11 @@ from gpmodel.selection.programs import laws, terms
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
 LARGEST_BLOCK = 130
-"""Largest number of effects of one kind in a joint group at all sites: a larger group is slow and never selected."""
+"""Largest number of effects of a joint group (one kind at many joints): larger ones are slow and never selected."""
 SMALLEST_BLOCK = 3
 """Least number of sites (frame and axis) at which the effects of a joint group act."""
 BLOCK_COST = 1.0
-"""Price of a joint group above the price of one of its parts, nats; small, because there are few kinds of effects."""
+"""Penalty of a joint group beyond that of one of its parts, nats; small, because there are few kinds of effects."""
 
 
 def of_offers(offers: Iterable[Offer]) -> Builder:
@@ -37,7 +37,7 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
     """Return a function that builds groups from evolved candidates, one group for each set of inputs that terms share.
 
-    The parts of a group are its single terms. cost: function from the number of nodes of a formula to its price, nats.
+    The parts of a group are its single terms. cost: function from a formula's number of nodes to its penalty, nats.
     """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -53,10 +53,10 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 class Offering:
     """Candidate groups of effects that a selection may use.
 
-    single: functions that build the groups that are candidates from the start.
+    single: functions that build the groups that are candidates from the beginning.
     sites, inputs: sites (frame and axis) and input variables of the smooth terms that may be proposed.
     grids: frequency grids of the sinusoids that may be proposed.
-    wanted: function that returns whether a group may be a candidate.
+    wanted: function that decides if a group may be a candidate.
     """
 
     single: Sequence[Builder]
@@ -78,7 +78,7 @@ def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Gr
 
 
 def without_copies(groups: Iterable[Group]) -> list[Group]:
-    """Return the first of all groups that have equal effects, spreads and largest variances; omit the copies."""
+    """Omit copies of groups: of groups with equal effects, spreads and largest variances only the first is kept."""
     found: dict[object, Group] = {}
     for group in groups:
         found.setdefault((tuple(e.terms for e in group.effects), group.spreads, group.cap), group)
@@ -86,13 +86,13 @@ def without_copies(groups: Iterable[Group]) -> list[Group]:
 
 
 def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
-    """Return a group, or only its terms that no named group contains. named: terms of the named groups, by effect."""
+    """Remove from a group the terms that groups with a named cause contain. named: terms of these, by effect."""
     left = tuple(part for part in group.parts if part.effects[0].terms not in named)
     return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
-    """Return joint groups of all groups that differ only in the joint, to detect many weak effects of one kind."""
+    """Join groups that differ only in the joint to joint groups, which detect many weak effects of one kind."""
     kinds: dict[str, list[Group]] = defaultdict(list)
     for group in groups:
         for j in mechanism.joints:

@@ -38,7 +38,7 @@ class Rows:
 
     @property
     def freedom(self) -> int:
-        """Number of rows minus the number of columns of registration and tool."""
+        """Degrees of freedom: number of measured rows minus number of columns of registration and tool."""
         return len(self.pose_of_row) - int(self.placement.shape[1])
 
     def clean(self, whitened: Array) -> Array:
@@ -54,7 +54,7 @@ class Rows:
         return self._sensitivity[slot][:, AXES.index(axis)]
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the derivative of each row by each effect's coefficient, weighted like the residual, unwhitened."""
+        """Return the derivative of each measured row by each effect's coefficient, weighted like the residual."""
         out = np.zeros((len(self.pose_of_row), len(effects)))
         for k, effect in enumerate(effects):
             for term in effect.terms:
@@ -102,18 +102,18 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Return the inner products of all effects' columns with whitened values of the rows, registration excluded."""
+        """Return the inner products of all effects' columns with whitened values of the measured rows."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
 
 CHUNK = 400
-"""Number of groups whose inner products are formed at once. Half or double changes only memory, a few megabytes."""
+"""Number of groups of effects whose inner products are formed at once; it affects only memory, a few megabytes."""
 
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Groups with equally many effects. ids, index: numbers of groups, of their effects. inner, rhs: XᵀX, Xᵀy."""
+    """Groups with equally many effects. ids, index: numbers of groups and of their effects. inner, rhs: XᵀX, Xᵀy."""
 
     ids: IntArray
     index: IntArray
@@ -129,7 +129,7 @@ class SizeClass:
 class GroupPool:
     """Candidate groups and their distinct effects, which groups may share. A group's columns are scaled by `spreads`.
 
-    sizes: number of effects of each group. cost, price, reading: prices of description, entry and reading of each
+    sizes: number of effects of each group. cost, price, reading: penalties of description, entry and reading of each
     group, nats. block: number of the joint group that contains each group, -1 for none. wholes: number of each joint
     group. shared: description price that further parts of a joint group do not pay, nats: all but the log of the number
     of joints. square, rhs: sum of squares of the whitened target without registration, and its products with the unit
@@ -195,7 +195,7 @@ class GroupPool:
         return stacked @ np.swapaxes(stacked, 1, 2) - taken @ np.swapaxes(taken, 1, 2)
 
     def crossed(self, g: int) -> Array:
-        """Return the inner products of the unit column of every distinct effect with the scaled columns of group g."""
+        """Return the inner products of each distinct effect's unit column with the scaled columns of group g."""
         if g not in self._crossed:
             self._crossed[g] = self._crossed_with(g)
         return self._crossed[g]
@@ -216,7 +216,7 @@ class GroupPool:
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
         """Return the inner products of all scaled columns of groups. chosen: the effects of each group that remain.
 
-        The inner products of all groups so far are cached, and so is the last result.
+        The inner products of groups are cached, and so is the last result.
         """
         key = tuple((g, c.tobytes()) for g, c in chosen.items())
         if self._gram[0] != key:

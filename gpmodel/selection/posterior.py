@@ -22,7 +22,7 @@ LEAST_NOISE = 1e-8
 """Least noise of one coordinate, m: a tenth of an instrument's resolution. In exact data less noise is rounding."""
 LEAST = 10.0**-DECADES
 """Least ratio of the prior variance of a group to its largest allowed variance. A group that explains nothing reaches
-this least variance, and is deleted."""
+the least variance, and is deleted."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Active:
         return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
-        """Return the model with group g added. variance: its prior variance. part: effects to add; None for all."""
+        """Add group g to the model. variance: prior variance of g. part: effects of g to add; None for all."""
         effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
@@ -171,11 +171,11 @@ class Active:
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
-        """Gain in log evidence, nats, of each group over the model without the group, and its best prior variance."""
+        """Gain in log evidence, nats, by each group in the model, and the group's best prior variance."""
         return self._gains(np.arange(len(self.variances)))
 
     def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:
-        """Return gain, nats, and best prior variance of some groups of the model. of: positions of the groups.
+        """Return log evidence gain, nats, and best prior variance of some groups of the model, at positions `of`.
 
         Groups of few columns are padded with columns of zeros, which gain nothing.
         """
@@ -216,22 +216,22 @@ class Active:
 
     @cached_property
     def objective(self) -> float:
-        """Objective L: the log marginal likelihood (`evidence`) minus the price of every selected group, nats."""
+        """Objective L: the log marginal likelihood (`evidence`) minus the penalty of every selected group, nats."""
         shared = float((self.of_kind - 1).clip(0) @ self.pool.shared)
         return self.pool.constant + self.evidence - self.paid + shared
 
     @property
     def paid(self) -> float:
-        """Sum of the prices of the selected groups, nats, without the discount for several groups of one kind."""
+        """Sum of the penalties of the selected groups, nats, without the discount for several groups of one kind."""
         return sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
 
     @property
     def utility(self) -> float:
-        """Objective minus the extra prices (`Price.to_read`) of groups that are hard to read, nats."""
+        """Objective L minus the extra penalties (`Price.to_read`) of groups that are hard to read, nats."""
         return self.objective - self.pool.reading_held - float(sum(self.pool.reading[g] for g in self.found))
 
     def net_gain(self, g: int) -> float:
-        """Return the gain of a group in the model minus its price, nats."""
+        """Return the log evidence gain of a group in the model minus the group's penalty, nats."""
         return self.gains[g][0] - self.price(g)
 
     @cached_property
@@ -242,13 +242,13 @@ class Active:
 
     @cached_property
     def prices(self) -> Array:
-        """Price of each group given the others, nats; reduced to the price of its site if its kind is in the model."""
+        """Penalty of each group given the others, nats; only that of its site if its kind is already in the model."""
         others = np.append(self.of_kind, 0)[self.pool.block]
         others[list(self.found)] -= 1
         return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
 
     def price(self, g: int) -> float:
-        """Return the price of a group given the others, nats, plus ln n for each further of its n possible sites."""
+        """Return the penalty of a group given the others, nats, plus ln n for each further of its n possible sites."""
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:
@@ -257,10 +257,10 @@ class Active:
         return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:
-        """Return the price ln n, nats, of one site of a group that may act at n sites."""
+        """Return the penalty ln n, nats, of one site of a group that may act at n sites."""
         return math.log(max(len(self.pool.groups[g].parts), 1))
 
     def part_of_column(self, g: int) -> IntArray:
-        """Return which part (site) of a joint group each of its columns belongs to; empty for a group of one site."""
+        """Return the number of the site of each column of a joint group; empty for a group of one site."""
         sizes = [len(part.effects) for part in self.pool.groups[g].parts]
         return np.repeat(np.arange(len(sizes)), sizes)[self.chosen[g]] if sizes else np.zeros(0, dtype=np.int64)

@@ -17,7 +17,7 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 DIGITS = 5
-"""Significant digits of a constant in an evolved formula. The coefficient of the formula is fitted anew."""
+"""Significant digits of a constant in an evolved formula. The formula's coefficient is fitted afterwards."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
@@ -44,7 +44,7 @@ def parts(program: Program) -> list[Program]:
 def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
     """Split an evolved candidate into one formula for each set of inputs that its terms share.
 
-    cost: function from the number of nodes of a formula to its price, nats.
+    cost: function from the number of nodes of a formula to its penalty, nats.
     """
     sets: list[list[int]] = []
     for k, effect in enumerate(candidate.effects):
@@ -56,14 +56,14 @@ def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate,
 
 
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """Return each term of an unnamed evolved candidate as a candidate. cost: price of a formula by its nodes, nats."""
+    """Return each term of an unnamed evolved candidate as a candidate. cost: penalty by number of nodes, nats."""
     if candidate.family or len(candidate.effects) == 1:
         return ()
     return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
 
 
 def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
-    """Return a candidate with some of another candidate's effects. own: their positions. cost: price by nodes, nats."""
+    """Return a candidate with some of another candidate's effects, at positions `own`. cost: penalty by nodes, nats."""
     effects = [candidate.effects[k] for k in own]
     nodes = sum(Expression(str(effect.terms[0].basis)).program.complexity for effect in effects)
     return replace(candidate, name=law_name(effects), effects=numbered(effects), cost=cost(nodes))
@@ -115,7 +115,7 @@ def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
 
 
 def _turned(builder: Builder, index: int) -> int | None:
-    """Return the negative of a node that is a negative number or a product with a negative first factor; else None."""
+    """Negate a node that is a negative number or a product with a negative first factor; None for other nodes."""
     node = builder.nodes[index]
     if node.operator == "multiply":
         factor = _turned(builder, node.arguments[0]) if _is_number(builder, node.arguments[0]) else None

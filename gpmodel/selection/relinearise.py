@@ -86,12 +86,12 @@ def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
 
 
 UNKNOWN = 1e-6
-"""First prior variance of a group that is always included, rad² or m²; re-estimation changes the variance."""
+"""Initial prior variance of a group that is always included, rad² or m²; re-estimation changes the variance."""
 
 
 @dataclass(frozen=True)
 class Screening:
-    """Values of basis functions at the training poses, and prices of groups of effects, for a whole selection."""
+    """Values of basis functions at the training poses, and penalties of groups of effects, for a whole selection."""
 
     shapes: Shapes
     prices: Price
@@ -100,18 +100,18 @@ class Screening:
 def relinearised(
     screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
 ) -> tuple[Active, Expansion]:
-    """Linearise the chain at `state`, make a step of the selection from its groups, then fit the exact chain."""
+    """Linearise the kinematic chain at `state`, make a step of the selection, then fit the exact chain."""
     active = step(_started(screening, groups, state))
     return active, _refitted(active, screening, state)
 
 
 def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise the chain at `state` and fit only the groups of effects that are always in the model."""
+    """Linearise the kinematic chain at `state`, and fit only the groups of effects that are always in the model."""
     return reestimate(_started(screening, groups, state))
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise the chain at `state`, with the groups selected before. Coefficients are relative to prior means."""
+    """Linearise the kinematic chain at `state`, with groups selected before, coefficients relative to prior means."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
@@ -129,7 +129,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
 
 
 def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
-    """Fit the exact chain with the groups of a linear model, then determine outliers and noise levels again."""
+    """Fit the exact kinematic chain with the groups of a linear model, then determine outliers and noise again."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
     effects, variances, left = [], {}, {}
@@ -155,7 +155,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
 
 
 def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
-    """Return the mask of inliers of a fit to all poses: the model may now explain what were outliers before."""
+    """Return the mask of inliers of a fit to all poses, since the model may now explain earlier outliers."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return inliers(fit.error, everything, criteria.outlier_sigmas)

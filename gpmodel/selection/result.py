@@ -28,10 +28,10 @@ from gpmodel.table.bundles import JUDGED
 class Kept:
     """A group of effects that the selection has added to the model.
 
-    gain: log evidence of the model minus the log evidence without the group, before the price, nats.
+    gain: log evidence of the model minus the log evidence without the group, penalty not subtracted, nats.
     variance: prior variance of the group's coefficients.
     determined: effective number of the group's coefficients that the data determine.
-    shared: part of the group's price that another selected group of that kind pays already, nats.
+    shared: part of the group's penalty that another selected group of that kind pays already, nats.
     """
 
     group: Group
@@ -42,7 +42,7 @@ class Kept:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Effects of the group with prior standard deviations that the selection has estimated."""
+        """Effects of the selected group with prior standard deviations that the selection has estimated."""
         return self.group.with_prior(self.variance)
 
 
@@ -61,7 +61,7 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """Mark smooth terms for which formulas are candidates too; each of these smooth terms gets a higher price."""
+        """Mark smooth terms for which formulas are candidates too; the marked smooth terms get a higher penalty."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
@@ -93,14 +93,14 @@ class Selection:
 
     @cached_property
     def permutation_null(self) -> Array:
-        """Largest gain of any group of effects minus its description price, nats, on each permuted residual."""
+        """Largest gain of any group of effects minus its description penalty, nats, on each permuted residual."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable_blocks(self.state.fitting.poses.dataset, screening.prices.limits)
         return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
-    """Return the result of a selection.
+    """Summarise a selection as its result.
 
     An effect that several groups share belongs to the group of largest gain; its prior variance is the sum over these
     groups. A group of which all effects belong to other groups is omitted.
@@ -130,7 +130,7 @@ MOST_NUMBERS = 1_000_000
 def gain_null(
     active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
-    """Compute the largest gain minus description price, nats, of any group or sinusoid on each permuted residual.
+    """Compute the largest gain minus description penalty, nats, of any group or sinusoid on each permuted residual.
 
     Every group of effects is scored as an addition to the model `active`. bundle: number of the exchangeable block of
     each pose. count: number of permuted residuals.
@@ -165,7 +165,7 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
 
 
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Return the model's prediction plus residuals permuted over exchangeable blocks, whitened, a column a permutation.
+    """Return the model's prediction plus residuals permuted over exchangeable blocks, whitened, by permutation.
 
     Permuted residuals are rescaled to the noise σ, because the fit removed degrees of freedom and removes them again
     from each permuted residual. The columns of a body that one block alone measures, such as a bar, are removed only

@@ -15,14 +15,14 @@ from gpmodel.selection.pool import GroupPool, SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
-"""Largest number of floating-point values in memory at once: 32 MB."""
+"""Largest number of values in memory at once in a scan of candidate groups: 32 MB."""
 
 
 class Scan:
     """Compute the gain of each candidate group of effects when the group is added to a model.
 
     table: products of all candidate columns with the model's columns, whitened. classes: products XᵀC⁻¹X and XᵀC⁻¹y of
-    the columns X of groups with equally many effects. among: groups to score; other groups have the gain -∞.
+    the columns X of groups with equally many effects. among: groups to score; the gain of other groups is set to -∞.
     """
 
     def __init__(self, active: Active, among: IntArray | None = None) -> None:
@@ -55,7 +55,7 @@ class Scan:
         return inner, rhs
 
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
-        """Return gain in nats, best prior variance, and decrease of yᵀC⁻¹y of every candidate group.
+        """Return log evidence gain, nats, best prior variance, and decrease of yᵀC⁻¹y of every candidate group.
 
         The bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, S = XᵀC⁻¹X, replaces the gain of a group if the bound, with the noise estimated
         again, is below `least`. X: columns of the group. C: covariance of the target y.
@@ -102,7 +102,7 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """Fix the prior variances of groups with many coefficients, except groups in `moving`. pools: by fixed groups."""
+    """Fix the prior variances of groups with many coefficients, not in `moving`. pools: cache by fixed groups."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model
@@ -112,7 +112,7 @@ def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[in
 
 
 def whole(model: Active) -> Active:
-    """Return the model with all its groups as free groups, including groups whose prior variance was fixed."""
+    """Return the model with free prior variances of all its groups, including groups with a fixed variance."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2

@@ -1,4 +1,4 @@
-"""Select groups of effects: linearise, propose candidates, select, fit the exact chain; until nothing changes."""
+"""Select groups of effects: linearise the chain, propose candidates, select, fit the exact chain, until convergence."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,7 +37,7 @@ def select(
     workers: Workers = ALONE,
     propose: Proposer | None = None,
 ) -> Selection:
-    """Select groups of effects by marginal likelihood, propose others for the residual, until nothing changes.
+    """Select groups of effects by marginal likelihood, and propose new groups for the residual, until nothing changes.
 
     A step adds and deletes groups, then exchanges groups. Smooth terms and sinusoids are proposed for the residual of
     every new selection; `propose` proposes other groups, such as formulas, if the selection is unchanged. poses: poses
@@ -87,7 +87,7 @@ def nothing_selected(
 
 
 def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
-    """Make a step from a selection, with its groups and new groups. Every group may be added or deleted."""
+    """Make a step of the selection from an earlier selection. Every old or new group may be added or deleted."""
     offered = before.offered
     known = {group.name for group in groups}
     unique = {group.name: group for group in (*offered.proposed, *new) if group.name not in known}
@@ -107,7 +107,7 @@ def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     """Return the inputs of effects at some poses, with the predicted point in the frame of the instrument.
 
-    The measured point is no input: it contains noise, and effects of the point could absorb the arm's lengths.
+    The measured point itself is no input: it contains noise, and effects of the point could absorb the arm's lengths.
     """
     there = resolved(calibration, poses)
     observed = observe(calibration.model, there, calibration.theta, calibration.placement)

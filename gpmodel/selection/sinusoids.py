@@ -24,16 +24,16 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import reestimate
 
 AT_ONCE = 500_000
-"""Largest number of sines computed at once, 4 MB."""
+"""Largest number of sine values computed at once, 4 MB."""
 
 MOST_WAVES = 12
 """Largest number of sinusoids proposed at once: two for each of six joints."""
 
 ROUNDING = 0.5
-"""Largest loss of log evidence, nats, by rounding a frequency to fewer digits: one standard deviation."""
+"""Largest loss of log evidence, nats, by rounding a sinusoid's frequency to fewer digits: one standard deviation."""
 
 REFINEMENTS = 30
-"""Largest number of iterations to find the frequency of largest gain."""
+"""Largest number of iterations to find the sinusoid's frequency of largest gain."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,13 @@ class Spectrum:
         return inner / self.sigma2, np.stack([w @ self.rhs for w in waves], axis=1) / self.sigma2
 
     def bound(self) -> Array:
-        """Compute an upper bound of the gain, nats, of a sinusoid at every rate of the grid, for every target."""
+        """Compute an upper bound of the gain, nats, of a sinusoid at every frequency of the grid, for every target."""
         rates = self.grid.rates
         parts = np.array_split(rates, -(-rates.size * len(self.angle) // AT_ONCE))
         return np.concatenate([_bound(*self.at(part)) for part in parts])
 
     def gain(self, rate: float) -> float:
-        """Compute the gain, nats, of the sinusoid of one rate at its best prior variance, on the first target."""
+        """Compute the gain, nats, of the sinusoid of one frequency at its best prior variance, on the first target."""
         inner, rhs = self.at(np.array([rate]))
         return float(best(*diagonalised(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
@@ -102,7 +102,7 @@ def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
 
 
 def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
-    """Compute the largest gain minus description price, nats, of any sinusoid on each target (column of `targets`)."""
+    """Compute the largest gain minus description penalty, nats, of any sinusoid on each column of `targets`."""
     found = np.full(targets.shape[1], -np.inf)
     for grid in grids:
         there = spectrum(active, grid, targets)
@@ -115,7 +115,7 @@ def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array
 
 
 def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
-    """Return the sinusoids of largest net gain given a model, the best first, each given the sinusoids before.
+    """Return the sinusoids of largest net gain given a model, the best first, each given the preceding sinusoids.
 
     The best sinusoid of a joint is computed again only if it could be the next. Source: Minoux (1978).
     """
@@ -159,7 +159,7 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 
 
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
-    """Return the sinusoid of a frequency as a group, its frequency written with as few digits as the data determine."""
+    """Return a sinusoid as a group of effects, its frequency written with as few digits as the data determine."""
     grid = there.grid
     for digits in range(1, DIGITS):
         value = float(f"{grid.value(rate):.{digits}g}")

@@ -31,13 +31,13 @@ LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5
 SCREENED = 300
 """Largest number of poses in the screening of smooth terms; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Number of pairs of site and inputs scored exactly after screening; of proposed smooth terms; of these at one site."""
+"""Number of pairs of site and inputs scored exactly after screening; of proposed smooth terms; of terms at one site."""
 COARSE, COMPONENTS = 0.6, 5
 """Correlation length of the screening relative to half the range, and number of principal components used."""
 TYPICAL = 100.0
-"""Ratio of the prior variance in the screening to the mean variance of an estimated coefficient."""
+"""Ratio of the prior variance in the screening of smooth terms to the mean variance of an estimated coefficient."""
 NEGLIGIBLE = 0.02
-"""Relative standard deviation of a coefficient below which its product of sines is omitted."""
+"""Relative prior standard deviation of a coefficient below which its product of sines is omitted."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class SmoothTerm:
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
     def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
-        """Return the smooth term as a group of effects at a site; None if no product varies. cost: price, nats."""
+        """Return the smooth term as a group of effects at a site; None if it is constant. cost: penalty, nats."""
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
@@ -89,7 +89,7 @@ def principal(column: Array) -> Array:
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Multiply every column of the first part with every column of the second; omit negligible products."""
+    """Multiply every function of the first input with every one of the second input; omit negligible products."""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]
@@ -98,7 +98,7 @@ def multiplied(parts: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class _Found:
-    """A smooth term at a site, with its net gain and its price, nats."""
+    """A smooth term at a site, with its net log evidence gain and its penalty, nats."""
 
     nats: float
     cost: float
@@ -127,13 +127,13 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
 
 
 def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[str], offered: int) -> Array:
-    """Return net gains, nats, of the smooth terms at some sites. offered: number of all candidate sites."""
+    """Return net log evidence gains, nats, of smooth terms at some sites. offered: number of all candidate sites."""
     further = math.log(offered / len(sites)) + active.criteria.minimum_nats
     return np.array([found.nats - further for found in _best(active, sites, inputs)])
 
 
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
-    """Yield the smooth terms at the strongest sites and inputs of a screening, scored at every correlation length."""
+    """Yield smooth terms at the sites and inputs of largest screening gain, scored at every correlation length."""
     places = SiteProducts.of(active, sites)
     states = active.pool.rows.shapes.states
     columns = {name: states[name][places.poses] for name in inputs}
@@ -181,7 +181,7 @@ class SiteProducts:
 
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "SiteProducts":
-        """Form the inner products of twists given a model; of many poses, use a subset spread evenly along the rows."""
+        """Form the inner products of twists given a model, over all poses or a subset spread evenly along the rows."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
         taken = np.hstack([rows.placement, active.spanned])

@@ -25,13 +25,13 @@ from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.scan import Scan, beside_curves, whole
 
 TOLERANCE = 0.05
-"""Rise of the objective (log evidence minus prices), nats, below which a loop of the selection ends."""
+"""Rise of the objective (log evidence minus penalties), nats, below which a loop of the selection ends."""
 SWEEPS = 30
 """Largest number of re-estimations of the prior variances; far fewer are usual."""
 FREE = 1e4
-"""Factor on the prior variance of a group of few coefficients, after which the prior has no influence."""
+"""Factor on the prior variance of a group of few coefficients, with which the prior has no influence."""
 SHORT_LIST = 100
-"""Number of best groups that are scored again after a full scan, until none of these groups has a net gain."""
+"""Number of best groups of a full scan that are scored again, until none of them has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
 """Number of best groups, and shares of the utility lost by a removal that their gains must reach to begin and to go on.
 Two groups that share nothing gain little until the first is in the model and reduces the noise: a twentieth of the loss
@@ -63,10 +63,10 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
 
 
 def grow(model: Active, listed: IntArray | None = None, reading: bool = False, goal: float = -np.inf) -> Active:
-    """Add the group of largest net gain, re-estimate, and prune the model, until no group has a net gain.
+    """Add the group of largest net gain, re-estimate, and prune the model, until no candidate has a net gain.
 
-    listed: groups that may be added; None for all groups. reading: whether to include the extra prices of smooth terms
-    and long formulas. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
+    listed: groups that may be added; None for all groups. reading: whether to include the extra penalties of smooth
+    terms and long formulas. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
     """
     model = prune(reestimate(model))
     refused, among = set[int](), listed
@@ -99,7 +99,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
 
 
 def _removals(model: Active) -> list[frozenset[int]]:
-    """Return each selected group, the weakest first, then all groups at one site, then all groups of one kind."""
+    """Return the sets of groups to remove: each group, the weakest first, all groups at one site, all of one kind."""
     pool, together = model.pool, defaultdict[object, set[int]](set)
     for g in model.found:
         group = pool.groups[g]
@@ -111,7 +111,7 @@ def _removals(model: Active) -> list[frozenset[int]]:
 
 
 def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[Active]:
-    """Yield models that are grown again without the groups `removed`.
+    """Yield models that are grown again after the groups `removed` are forbidden.
 
     Growth begins with the group of largest net gain among `first`, with free variances of the remaining groups, since a
     group of fixed variance excludes groups that would change the variance. Growth continues among the best SHORT_LIST
@@ -185,7 +185,7 @@ def prune(model: Active, exempt: int = -1) -> Active:
 def named_by_site(model: Active) -> Active:
     """Replace groups of several sites by their parts if more than half of their sites have a net gain.
 
-    Models are compared after this split, so that each named site pays its price. Sites without a net gain are deleted.
+    Models are compared after the split, so that each site has its penalty. Sites without a net gain are deleted.
     """
     blocks = [g for g in model.found if model.pool.groups[g].parts]
     number = {group.name: g for g, group in enumerate(model.pool.groups)} if blocks else {}
@@ -201,7 +201,7 @@ def named_by_site(model: Active) -> Active:
 
 
 def _together(net: Array) -> float:
-    """Return the sum of the TOGETHER largest net gains of groups, nats."""
+    """Return the sum of the largest net gains of TOGETHER groups of effects, nats."""
     return float(np.sort(net)[-TOGETHER:].clip(0.0).sum())
 
 

@@ -12,8 +12,8 @@ from joints.studies.study import MICRO, Study, Table
 
 HEADS = ("kind", "mean [um]", "mean + 3 SD [um]", "published [um]", "realigned [um]")
 EVERY = 10
-"""Realignment uses every tenth random draw. Realignment of all draws would take thirty times as long and change the
-result by a hundredth."""
+"""Realignment of the joint uses every tenth random draw. Realigning all draws would take thirty times as long and
+change the result by a hundredth."""
 REALIGNED = "realigned: the ball is held, and the angles turn to where it strains least"
 PUBLISHED = {"systematic": 10e-6, "stochastic": 0.1e-6}
 

@@ -197,7 +197,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _numbers(case: HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
-    """Return a row of the table of Hertz contacts, in the order of the column keys _KEYS."""
+    """Return a row of the table of Hertz contacts, in the order of its columns."""
     major, minor, peak, approach = map(float, (case.semi_major, case.semi_minor, case.pressure, case.approach))
     stiffness = (force / approach * N_PER_UM, 1.5 * force / approach * N_PER_UM)
     return major * MICRO, minor * MICRO, peak * 1e-9, approach * MICRO, *stiffness, peak / allowed, peak / onset

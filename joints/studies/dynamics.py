@@ -34,9 +34,9 @@ _HEADS = (
 )  # fmt: skip
 
 SOUGHT = 40
-"""Number of frequencies in the first search for the frequency of the largest motion."""
+"""Number of frequencies in the first search for the frequency of the ball's largest motion."""
 RATIO_DIGITS = 5
-"""Number of printed digits of a damping ratio; the ratio is zero up to rounding at the onset of pneumatic hammer."""
+"""Number of printed digits of a damping ratio, which is zero up to rounding at the onset of pneumatic hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:

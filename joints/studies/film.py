@@ -44,7 +44,7 @@ Film = FilmDesign | SphericalFilm
 
 @dataclass(frozen=True)
 class FilmFit:
-    """Result of `fit_film`.
+    """Result of fitting clearance and flow ratio of an air film.
 
     clearance: fitted radial clearance, m.
     passed: fitted ratio of the flow through the orifices to the flow by the orifice formula.

@@ -1,4 +1,4 @@
-"""Compiled inner loops: the only modules that import numba, tested against NumPy versions."""
+"""Compiled inner loops of genetic programming (numba), tested against NumPy versions."""
 
 from contextlib import suppress
 from pathlib import Path

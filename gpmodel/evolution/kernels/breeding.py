@@ -26,7 +26,7 @@ def _uniform(bits: np.uint64) -> float:
 
 @compiled
 def _gap(bits: np.uint64, log_keep: float, length: int) -> int:
-    """Return the number of elements until the next event at a rate per element, from the geometric distribution."""
+    """Draw the number of elements until the next crossover or mutation, from the geometric distribution."""
     if log_keep == 0.0:
         return length
     gap = math.log(_uniform(bits)) / log_keep
@@ -55,8 +55,8 @@ def breed_sequences(
     """Fill the genes and constants of the children of pairs of parents; the first child has number ``begin``.
 
     At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
-    element at rate ``mutation``. The constants of a child come from the parent in use at the end. At a rate of one per
-    four mutated elements, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
+    element at rate ``mutation``. The constants of a child come from the parent that is copied last. At a rate of one
+    per four mutated elements, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
     """
     length = genes.shape[1]
     log_cross = math.log1p(-crossover)

@@ -1,4 +1,4 @@
-"""Compilation of the inner loops: on first use, once per machine, without Python's global lock."""
+"""Compilation of genetic programming's inner loops: on first use, once per machine, without the global lock."""
 
 from collections.abc import Callable
 from typing import ParamSpec, Protocol, TypeVar
@@ -10,7 +10,7 @@ Result = TypeVar("Result")
 
 
 class Compiler(Protocol):
-    """A compiler of a function that changes neither its arguments nor its result."""
+    """Type of a compiler, which changes neither arguments nor result of a function."""
 
     def __call__(self, function: Callable[Arguments, Result], /) -> Callable[Arguments, Result]: ...
 
@@ -20,7 +20,7 @@ reduction: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath
 """Compiler of sums and maxima over rows of numbers without a NaN; the order of summation is free."""
 
 inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
-"""Compiler of functions called once per program or number, where passing arrays takes as long as a short program."""
+"""Compiler that inlines functions called once per program or number, where passing arrays takes long."""
 
 of_a_number: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-"""Compiler of functions of numbers, once, for the optimiser to inline. `inlined` would compile each use again."""
+"""Compiler of functions of numbers, compiled once and inlined by the optimiser."""

@@ -49,7 +49,7 @@ def _weighted(weight: Array, one: Array, other: Array) -> float:
 
 @compiled
 def _limited(row: Array, count: int, limit: float) -> bool:
-    """Return whether the first ``count`` values of a row are finite and below a limit."""
+    """Return whether the first ``count`` values of a row are finite and smaller than a limit."""
     within = 0
     for j in range(count):
         within += abs(row[j]) < limit
@@ -61,7 +61,7 @@ def explained(
     row: Array, weight: Array, cross: Array, begins: IntArray, pull: Array, energy: float, unique_share: float,
     smallest: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the gain of one basis function (poses,) and its coefficient, as ``Targets.set_gain`` does."""
+    """Return the gain of one basis function (poses,) and its least-squares coefficient."""
     if not _limited(row, len(row), np.inf) or energy <= 0.0:
         return 0.0, 0.0
     largest = 0.0

@@ -13,13 +13,13 @@ from gpmodel.evolution.code import Tables
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
-"""Special op-code that fills a row with the program's constant number ``first``."""
+"""Special op-code that fills a row of values with the program's constant number ``first``."""
 
 LAST_BINARY = 9
 """Largest op-code that takes two arguments or an operand."""
 
 ROW = 0xFFFF
-"""Bits of an instruction word that hold a row number."""
+"""Number of bits of an instruction word that hold a row number."""
 
 
 @inlined
@@ -27,8 +27,8 @@ def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], p
     """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: no operand); return their number.
 
     ``op_codes[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
-    is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. There is no branch on
-    the op-code, because a processor could not predict it.
+    is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. The code has no branch
+    on the op-code, because a processor could not predict it.
     """
     found = 0
     is_operand = 0

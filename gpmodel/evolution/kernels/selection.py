@@ -11,7 +11,7 @@ from gpmodel.evolution.kernels.compiler import compiled, reduction
 
 _ROUNDING = 4e-15
 _MORE = 1.0 + 1e-9
-"""Factor by which an output has to gain more than an earlier output to replace it; less is a rounding error."""
+"""Factor by which a program's output has to gain more than an earlier output to replace it, beyond rounding errors."""
 
 
 @reduction
