@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from gpmodel.application.other_loads import OtherLoads, other_loads
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.other_loads import OtherLoads, other_loads
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.state import Discovery, FinalFit
 from gpmodel.evidence.criteria import Criteria
@@ -38,7 +38,7 @@ def under_true_loads(
     loop: search with its settings, a function of mechanism, poses, training rows and held-out rows.
     """
     found = loop(mechanism, poses, train, heldout)
-    other = _other_loads(found)
+    other = _other_loads(found, criteria)
     if other is None:
         return found
     again = loop(other.mechanism, prepare(other.mechanism, found.poses.dataset), found.train, found.heldout, kept=None)
@@ -52,18 +52,19 @@ def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> t
     """Return a machine and its poses with the loads that explain the residual of the standard model, and these loads
     in words; unchanged, with an empty text, if the declared loads explain it."""
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses, seed=seed)
-    other = other_loads(fit, poses, (), mechanism)
+    other = other_loads(residual_of(fit, poses, Criteria(), seed), mechanism)
     if other is None:
         return mechanism, poses, ""
     return other.mechanism, prepare(other.mechanism, poses.dataset), other.in_words
 
 
-def _other_loads(found: Discovery) -> OtherLoads | None:
-    poses, fit = found.poses.subset(found.train), found.steps[-1].calibration
-    loads = found.poses.states.loads
-    following = {e.name for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)}
-    models = ((found.steps[1].calibration, ()), (fit, following))
-    each = (other_loads(model, poses, without, found.mechanism) for model, without in models)
+def _other_loads(found: Discovery, criteria: Criteria) -> OtherLoads | None:
+    poses, loads = found.poses.subset(found.train), found.poses.states.loads
+    following = [e for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)]
+    standard, full = (
+        residual_of(step.calibration, poses, criteria, JUDGED) for step in (found.steps[1], found.steps[-1])
+    )
+    each = (other_loads(residual, found.mechanism) for residual in (standard, full.without(following)))
     return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
 
 

@@ -5,22 +5,19 @@ payload or gravity. All compliances c_j share the changes x, which are found by 
 1973).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.linearise import Linearised, linearise
-from gpmodel.calibration.priors import fit_priors
-from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.size import without_positions
+from gpmodel.evidence.residual import Residual
 from gpmodel.formula.expression import Columns
 from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
-from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.states import measured_torques
 from gpmodel.numerics import rank as ident
 from gpmodel.table.dataset import Dataset
@@ -73,25 +70,22 @@ class _Values:
         return self.values
 
 
-def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], mechanism: Mechanism) -> OtherLoads | None:
+def other_loads(residual: Residual, mechanism: Mechanism) -> OtherLoads | None:
     """Return the loads that explain a residual best, or None if the declared loads explain it nearly as well.
 
-    Gravity is fitted given the payload, then the payload given gravity, in turn.
-    fit: calibration on `poses`. without: names of load-dependent effects to remove.
-    mechanism: mechanism with the declared loads. The result is None if it was built in Python or has measured torques.
+    Gravity and payload are fitted in turn, each given the other.
+    residual: residual of a model without effects that follow loads. mechanism: mechanism with the declared loads; the
+    result is None for one that was not loaded by name or from a file, or whose torques are measured.
     """
-    if not isinstance(mechanism, LoadedMechanism):
+    data, problem = residual.poses.dataset, residual.problem
+    if not isinstance(mechanism, LoadedMechanism) or problem.reduced is not None or without_positions(problem):
         return None
-    data = poses.dataset
     loads = mechanism.loads(data.q, data.payload)
     if measured_torques(mechanism, data) or not any(np.any(v) for v in loads.values()):
         return None
-    rest = _Rest.of(fit, poses, frozenset(without))
-    if rest is None:
-        return None
     here = declared = OtherLoads(mechanism)
     for _ in range(TURNS):
-        found = [_fitted(rest, here, data, change) for change in _changes(here.mechanism, data)]
+        found = [_fitted(residual, here, data, change) for change in _changes(here.mechanism, data)]
         best = max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
         if best is None:
             break
@@ -99,47 +93,14 @@ def other_loads(fit: Calibration, poses: Poses, without: Iterable[str], mechanis
     return None if here is declared else here
 
 
-@dataclass(frozen=True)
-class _Rest:
-    """Residual of a model without some effects, m, on rows of measurements and of priors, with the span `basis` of the
-    columns of the other effects projected out."""
-
-    problem: Linearised
-    model: ErrorModel
-    poses: Poses
-    basis: Array
-    values: Array
-
-    @classmethod
-    def of(cls, fit: Calibration, poses: Poses, without: frozenset[str]) -> "_Rest | None":
-        """Return the residual; None if a joint is not measured, or no position is in an instrument's frame."""
-        use = ~np.isin(np.arange(len(poses)), fit.outliers)
-        problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
-        if problem.reduced is not None or without_positions(problem):
-            return None
-        removed = np.array([e.name in without for e in fit.model.effects])
-        belief = fit_priors(fit.model, problem, fit.theta, fit.placement, fit.free)
-        free = problem.free(fit.free & ~removed)
-        rows = np.flatnonzero(np.any(belief.rows[:, free] != 0.0, axis=1))
-        basis = ident.orthonormal(np.vstack([problem.columns[:, free], belief.rows[rows][:, free]]))
-        back = problem.columns[:, problem.placement :][:, removed] @ fit.theta[removed]
-        values = np.concatenate([problem.residual + back, belief.rhs[rows]])
-        return cls(problem, fit.model, poses, basis, ident.remove(basis, values))
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of the residual: number of rows minus number of fitted columns, at least 1."""
-        return max(len(self.values) - int(self.basis.shape[1]), 1)
-
-    def columns(self, loads: Loads) -> Array:
-        """Return the columns of the compliances of all joints and of the base under some loads."""
-        nothing, joints = np.zeros(len(self.poses)), self.model.mechanism.joints
-        effects = [drive_effect(j.name, j, _Values(loads.get(f"torque_{j.name}", nothing)), "rad/Nm") for j in joints]
-        tilt = tuple(Term("base", f"R{a}", _Values(loads.get(f"moment_base_{a}", nothing))) for a in "xy")
-        out = np.zeros((len(self.values), len(effects) + 1))
-        rows = self.problem.effect_rows([*effects, Effect("base", tilt, "rad/Nm")], self.model)
-        out[: len(rows)] = rows
-        return ident.remove(self.basis, out)
+def _columns(residual: Residual, loads: Loads) -> Array:
+    """Return the columns of the compliances of all joints and of the base under some loads, without the model."""
+    nothing, joints = np.zeros(len(residual.poses)), residual.calibration.model.mechanism.joints
+    effects = [drive_effect(j.name, j, _Values(loads.get(f"torque_{j.name}", nothing)), "rad/Nm") for j in joints]
+    tilt = tuple(Term("base", f"R{a}", _Values(loads.get(f"moment_base_{a}", nothing))) for a in "xy")
+    out = np.zeros((len(residual.values), len(effects) + 1))
+    out[: residual.measured] = residual.columns([*effects, Effect("base", tilt, "rad/Nm")])
+    return residual.span.remove(out)
 
 
 @dataclass(frozen=True)
@@ -187,21 +148,25 @@ def _changes(mechanism: LoadedMechanism, data: Dataset) -> Iterator[_Change]:
     yield _Change("payload", (mass, *moments), loaded)
 
 
-def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> OtherLoads | None:
-    """Fit a change of payload or gravity; return the changed loads, or None without sufficient gain."""
-    first = rest.columns(here.mechanism.loads(data.q, data.payload))
-    further = [rest.columns(unit) for unit in change.units]
+def _fitted(residual: Residual, here: OtherLoads, data: Dataset, change: _Change) -> OtherLoads | None:
+    """Fit a change of payload or gravity; return the changed loads, or None without sufficient gain.
+
+    The columns are reduced to their triangular factor, which keeps the length of every residual.
+    """
+    loads = here.mechanism.loads(data.q, data.payload), *change.units
+    columns = np.column_stack([*(_columns(residual, one) for one in loads), residual.values])
+    triangle = np.asarray(np.linalg.qr(columns, mode="r"))
+    target, (first, *further) = triangle[:, -1] / residual.rms, np.split(triangle[:, :-1], len(loads), axis=1)
     length = np.max([np.linalg.norm(u, axis=0) for u in (first, *further)], axis=0)
     live = length > SHORTEST * length.max()
     first, further = first[:, live], [u[:, live] for u in further]
     size = np.array([np.linalg.norm(first) / max(float(np.linalg.norm(u)), ident.NEGLIGIBLE) for u in further])
-    target = rest.values / np.sqrt(np.mean(rest.values**2))
 
-    def columns(x: Array) -> Array:
+    def loaded(x: Array) -> Array:
         return np.asarray(first + sum(a * u for a, u in zip(size * x, further, strict=True)))
 
     def compliances(x: Array) -> tuple[Array, Array]:
-        at = columns(x)
+        at = loaded(x)
         scale = np.maximum(np.linalg.norm(at, axis=0), ident.NEGLIGIBLE)
         found = np.linalg.lstsq(at / scale, target, rcond=SHORTEST)[0]
         return found * np.abs(found), target - at @ (found / scale)
@@ -210,7 +175,7 @@ def _fitted(rest: _Rest, here: OtherLoads, data: Dataset, change: _Change) -> Ot
     starts = [nothing, *(share * axis for axis in np.eye(len(size)) for share in FIRST)]
     ends = [least_squares(lambda x: compliances(x)[1], start, max_nfev=20) for start in starts]
     best = min(ends, key=lambda end: float(end.cost))
-    before, count = float(np.sum(compliances(nothing)[1] ** 2)), rest.freedom
+    before, count = float(np.sum(compliances(nothing)[1] ** 2)), residual.freedom
     new = 0 if change.kind in here.said else len(size)
     gain = 0.5 * count * float(np.log(before / (2.0 * best.cost))) - 0.5 * new * float(np.log(count))
     if gain < (LEAST_NATS if new else AGAIN):
