@@ -27,18 +27,6 @@ from joints.studies import STUDIES
 from joints.studies.design import design_study
 from joints.studies.study import Study, Table
 
-COMMANDS = [
-    "design",
-    "preload",
-    "contact",
-    "thermal",
-    "film",
-    "stiffness",
-    "dynamics",
-    "pugh",
-    "budget",
-    "contact_types",
-]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -49,7 +37,7 @@ def run(*arguments: str) -> Result:
 def test_the_group_alone_shows_its_commands() -> None:
     done = CliRunner().invoke(main, ["joint"])
     assert done.exit_code == 0
-    assert all(f"\n  {name}" in done.stdout for name in COMMANDS)
+    assert all(f"\n  {name}" in done.stdout for name in STUDIES)
 
 
 def test_words_in_brackets_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,7 +49,7 @@ def test_words_in_brackets_are_printed_as_they_are(capsys: pytest.CaptureFixture
 
 
 Outputs = Callable[[str], tuple[Path, str]]
-EACH = [pytest.param(name, marks=[pytest.mark.long] * (name == "design")) for name in COMMANDS]
+EACH = [pytest.param(name, marks=[pytest.mark.long] * (name == "design")) for name in STUDIES]
 
 
 @pytest.fixture(scope="module")
@@ -110,16 +98,6 @@ def test_printed_defaults_are_a_table_the_command_reads(outputs: Outputs, name: 
     assert table.read_text() == (DATA / f"{name}.toml").read_text()
     assert run(name, str(table), "--json", str(tmp_path / "mine.json")).exit_code == 0
     assert json.loads((tmp_path / "mine.json").read_text()) == json.loads((outputs(name)[0] / "mine.json").read_text())
-
-
-def test_own_joint(tmp_path: Path) -> None:
-    table = tmp_path / "mine.toml"
-    table.write_text('preload = "50 N"\ndisplacements = ["20 um"]\n[orifice]\nlaw = "nozzle"\n')
-    result = run("film", str(table), "--json", str(tmp_path / "film.json"))
-    record = json.loads((tmp_path / "film.json").read_text())
-    assert result.exit_code == 0
-    assert record["preload_N"] == 50
-    assert len(record["flat_plate"]["gap_um"]) == 1
 
 
 def test_measured_force_displacement_is_read_beside_the_table(tmp_path: Path) -> None:
@@ -208,7 +186,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, tex
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", STUDIES)
 def test_a_narrow_terminal_breaks_no_number(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Output at 80 columns contains every word and number of the output at 400."""
     printed = {}
@@ -218,16 +196,6 @@ def test_a_narrow_terminal_breaks_no_number(monkeypatch: pytest.MonkeyPatch, nam
         assert max(map(len, lines)) <= width
         printed[width] = {word for line in lines for word in line.split()}
     assert printed[400] <= printed[80] | {word for word in printed[400] if set(word) == {"─"}}
-
-
-def test_no_force_is_refused_without_a_warning(tmp_path: Path) -> None:
-    (tmp_path / "none.toml").write_text('force = "0 N"')
-    with pytest.raises(InputError, match="contact force = 0, expected above 0 N"):
-        run("contact", str(tmp_path / "none.toml"))
-
-
-def test_the_program_says_what_joint_does() -> None:
-    assert "Engineering models of a precision joint" in CliRunner().invoke(main, ["--help"]).output
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:

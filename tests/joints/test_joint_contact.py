@@ -36,18 +36,6 @@ def test_table_3_3_as_printed(field: str, scale: float, digits: int, printed: fl
     assert round(float(getattr(published_hertz(100.0, *PRINTED), field)) * scale, digits) == printed
 
 
-def test_stress_ratio_as_printed() -> None:
-    assert round(float(published_hertz(100.0, *PRINTED).pressure) / 2.25e8, 2) == 0.01
-
-
-def test_two_balls_deform_by_4_5_micrometres_under_2_1_gigapascals() -> None:
-    """Table 3.3's R_maj = 1e6 m makes cylinders of the balls; the thesis calls the 0.5 um it gives negligible."""
-    right = hertz(100.0, BALL, SUPPORT)
-    assert round(float(right.approach) * 1e6, 1) == 4.5
-    assert round(float(right.pressure) * 1e-9, 1) == 2.1
-    assert round(float(hertz(70.0, BALL, SUPPORT).approach) * 1e6, 1) == 3.6
-
-
 def test_balls_follow_the_closed_form() -> None:
     radius, modulus = 1 / (1 / 25.4e-3 + 1 / 6.3e-3), contact_modulus(BALL, SUPPORT)
     right = hertz(100.0, BALL, SUPPORT)
@@ -93,13 +81,6 @@ def test_stiffness_is_the_slope_of_force_over_approach() -> None:
 def test_first_yield_is_at_1_61_yield_stresses() -> None:
     """Johnson 1985, section 6.1: p0 = 1.60 Y for nu = 0.3."""
     assert float(first_yield_pressure(1.0, 0.3)) == pytest.approx(1.61, abs=0.01)
-
-
-def test_forces_are_vectorised() -> None:
-    forces = np.array([[10.0, 20.0], [40.0, 80.0]])
-    approach = hertz(forces, BALL, SUPPORT).approach
-    assert approach.shape == (2, 2)
-    assert approach[1, 1] / approach[0, 0] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize(

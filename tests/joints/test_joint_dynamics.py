@@ -34,10 +34,6 @@ JOINT = FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6)
 LIFT = 50e-6
 
 
-def test_two_inch_steel_ball() -> None:
-    assert ball_mass(25.4e-3, 7850.0) == pytest.approx(0.539, abs=5e-4)
-
-
 @pytest.mark.parametrize("system", [LIGHT, HEAVY], ids=["light", "heavy"])
 def test_receptance_starts_at_the_compliance_and_lags_90_degrees_at_the_natural_frequency(
     system: SpringMassDamper,

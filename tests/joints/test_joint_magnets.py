@@ -85,12 +85,6 @@ def test_rings_that_cannot_be_built_are_refused(rings: list[tuple[int, float]], 
         SEAT.check([MagnetRing(n, 17.8, angle * DEG, 12.7e-3) for n, angle in rings], 75 * DEG)
 
 
-def test_the_joint_as_built_is_accepted() -> None:
-    SEAT.check([MagnetRing(8, 17.8, 45 * DEG, 12.7e-3)], 75 * DEG)
-    small = [MagnetRing(6, 4.29, 45 * DEG, 6.35e-3), MagnetRing(8, 4.29, 22 * DEG, 6.35e-3)]
-    SEAT.check(small, 75 * DEG)
-
-
 def test_nothing_fits_is_said() -> None:
     with pytest.raises(InputError, match="no magnet ring fits"):
         rank_designs([20 * DEG], [18 * DEG], [HALF_INCH], SEAT)

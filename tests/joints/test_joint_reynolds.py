@@ -10,8 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry, design_film, film_gap, film_resistance, pad_load
-from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
+from joints.film import FilmGeometry, film_gap, film_resistance, pad_load
+from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import (
     CELLS,
     SphericalFilm,
@@ -64,11 +64,12 @@ def test_pressure_solves_reynolds_equation() -> None:
     assert computed == pytest.approx(solution.sol(angle)[0], abs=1e-3 * socket)
 
 
-def test_load_is_the_pressure_over_the_projected_area() -> None:
+@pytest.mark.parametrize("compressible", [True, False])
+def test_load_is_the_pressure_over_the_projected_area(compressible: bool) -> None:
     lift = 40e-6
-    socket = LOAD / float(spherical_area(JOINT, lift))
+    socket = compressible_film(JOINT, LOAD, lift)[1] if compressible else LOAD / float(spherical_area(JOINT, lift))
     t = np.linspace(0, JOINT.socket_angle, 40001)
-    pressure = spherical_pressure(JOINT, lift, socket, t, compressible=False)
+    pressure = spherical_pressure(JOINT, lift, socket, t, compressible)
     load = np.trapezoid(pressure * np.pi * JOINT.ball_radius**2 * np.sin(2 * t), t)
     assert load == pytest.approx(LOAD, rel=1e-6)
 
@@ -117,27 +118,11 @@ def test_stiffnesses_are_slopes_of_the_load(orifice: Orifice, lift: float) -> No
         assert float(stiffness) == pytest.approx(-slope, rel=1e-5)
 
 
-def test_the_real_gap_lets_through_several_times_the_flat_plates_flow() -> None:
-    """At 30 um of lift the gap is 15 um at the edge and 30 um at the bottom; the flat plate takes 15 everywhere."""
-    flat = design_film(JOINT, LOAD, LinearOrifice(), 30e-6)
-    sphere = spherical_film(JOINT, LOAD, LinearOrifice(), 30e-6)
-    assert float(sphere.flow / flat.flow) == pytest.approx(4.6, abs=0.05)
-    assert float(sphere.socket_pressure / flat.socket_pressure) == pytest.approx(1.51, abs=0.01)
-
-
 def test_compressible_film_tends_to_the_incompressible_one_at_low_load() -> None:
     light = spherical_film(JOINT, 0.1, LinearOrifice(), 30e-6)
     flow, socket = compressible_film(JOINT, 0.1, 30e-6)
     assert flow == pytest.approx(float(light.flow), rel=2e-3)
     assert socket == pytest.approx(float(light.socket_pressure), rel=2e-3)
-
-
-def test_compressible_film_carries_the_load() -> None:
-    _, socket = compressible_film(JOINT, LOAD, 30e-6)
-    t = np.linspace(0, JOINT.socket_angle, 40001)
-    pressure = spherical_pressure(JOINT, 30e-6, socket, t)
-    load = np.trapezoid(pressure * np.pi * JOINT.ball_radius**2 * np.sin(2 * t), t)
-    assert load == pytest.approx(LOAD, rel=1e-6)
 
 
 def test_orifices_spread_their_flow_as_sources_on_a_circle() -> None:
@@ -147,13 +132,6 @@ def test_orifices_spread_their_flow_as_sources_on_a_circle() -> None:
     film = float(film_gap(JOINT, 30e-6, JOINT.orifice_angle))
     expected = 6 * JOINT.viscosity / (np.pi * film**3) * (np.log(ring / a) - others)
     assert float(orifice_spreading_resistance(JOINT, 30e-6, 2 * a)) == pytest.approx(expected)
-
-
-def test_film_is_vectorised_over_a_million_displacements() -> None:
-    lift = np.random.default_rng(0).uniform(20e-6, 60e-6, 1_000_000)
-    film = spherical_film(JOINT, LOAD, LinearOrifice(), lift)
-    one = spherical_film(JOINT, LOAD, LinearOrifice(), lift[77])
-    assert film.stiffness_constant_inlet[77] == pytest.approx(float(one.stiffness_constant_inlet), rel=1e-14)
 
 
 def test_impossible_films_are_refused() -> None:
@@ -167,11 +145,6 @@ def test_impossible_films_are_refused() -> None:
         compressible_film(JOINT, 0.0, 30e-6)
     with pytest.raises(InputError, match="viscosity = 0"):
         replace(JOINT, viscosity=0.0)
-
-
-def test_atmosphere_is_the_reference_of_gauge_pressures() -> None:
-    edge = spherical_pressure(JOINT, 30e-6, 0.5 * ATMOSPHERE, [JOINT.orifice_angle, JOINT.socket_angle])
-    assert edge == pytest.approx([0.5 * ATMOSPHERE, 0.0], abs=1e-6)
 
 
 ORIFICE = LinearOrifice(2.0e11, 6e4)

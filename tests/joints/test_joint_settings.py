@@ -21,15 +21,6 @@ from gpmodel.table.cells import frame_of
 from joints.passive_joint import read_joint
 from joints.settings import DATA, load_settings, quantity, read_curve
 
-TABLES = ["preload", "contact", "thermal", "film", "stiffness", "dynamics"]
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_defaults_load_and_laid_over_themselves_change_nothing(name: str) -> None:
-    from joints.settings import DATA
-
-    assert load_settings(name) == load_settings(name, DATA / f"{name}.toml")
-
 
 def test_a_key_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
     table = tmp_path / "mine.toml"
