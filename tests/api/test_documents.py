@@ -232,32 +232,3 @@ def test_evolving_gives_runs_beside_those_on_shuffled_errors(tmp_path: Path) -> 
     )  # fmt: skip
     assert command.stdout.startswith(result.summary())
     assert (tmp_path / "command" / "programs.txt").read_text() == result.programs()
-
-
-WRONG = {
-    "search": lambda arm: gp.discover(arm, GEAR, search=4),
-    "criteria": lambda arm: gp.discover(arm, GEAR, criteria="strict"),
-    "noise": lambda arm: gp.discover(arm, GEAR, noise=0.0),
-    "holdout": lambda arm: gp.discover(arm, GEAR, holdout=0),
-    "seed": lambda arm: gp.discover(arm, GEAR, seed=0.5),
-    "condition_limit": lambda arm: gp.discover(arm, GEAR, condition_limit=0),
-    "candidates": lambda arm: gp.discover(arm, GEAR, candidates=("gear",)),
-    "table": lambda arm: gp.discover(arm, pd.DataFrame()),
-    "runs": lambda arm: gp.evolve(arm, GEAR, runs=0),
-    "workers": lambda arm: gp.discover(arm, GEAR, search=gp.Search(workers=0)),
-    "stop_after": lambda arm: gp.discover(arm, GEAR, search=gp.Search(stop_after=float("nan"))),
-    "max_effects": lambda arm: gp.discover(arm, GEAR, search=gp.Search(max_effects=-1)),
-    "strategies": lambda arm: gp.discover(arm, GEAR, search=gp.Search(strategies=())),
-    "significance": lambda arm: gp.discover(arm, GEAR, criteria=gp.Criteria(significance=float("nan"))),
-    "effects": lambda arm: gp.calibrate(arm, GEAR, effects="base_compliance"),
-    "space": lambda arm: gp.evolve(arm, GEAR, space="outer"),
-    "population": lambda arm: gp.evolve(arm, GEAR, population=20),
-}
-
-
-@pytest.mark.parametrize("argument", WRONG)
-def test_what_is_wrong_with_an_argument_is_one_line_that_names_it(argument: str) -> None:
-    with pytest.raises(gp.InputError) as caught:
-        WRONG[argument](gp.load_mechanism("irb6400r"))  # type: ignore[no-untyped-call]
-    assert str(caught.value).startswith(f"{argument}: ")
-    assert "\n" not in str(caught.value)

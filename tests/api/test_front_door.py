@@ -220,30 +220,3 @@ def test_the_centre_of_a_payload_is_within_a_kilometre_of_the_flange() -> None:
     for far in ("0,0,2km", (0.0, 0.0, float("nan")), (-2000.0, 0.0, 0.0)):
         with pytest.raises(gp.InputError, match=r"payload_com: .*, expected three lengths of at most 1000 m"):
             gp.load_mechanism("irb6400r", payload_com=far)
-
-
-WRONG = {
-    "payload": lambda arm: gp.load_mechanism("irb6400r", payload="60"),
-    "payload_com": lambda arm: gp.load_mechanism("irb6400r", payload_com=(0.0, 1.0)),
-    "table": lambda arm: gp.read_table(7, arm),
-    "holdout": lambda arm: gp.calibrate(arm, FRAME, holdout=1.5),
-    "seed": lambda arm: gp.calibrate(arm, FRAME, seed=-1),
-    "condition_limit": lambda arm: gp.calibrate(arm, FRAME, condition_limit=float("nan")),
-    "standard": lambda arm: gp.calibrate(arm, FRAME, standard=("J9 *",)),
-    "noise": lambda arm: gp.simulate(arm, noise="-1 mm"),
-    "poses": lambda arm: gp.simulate(arm, poses=0),
-    "inputs": lambda arm: gp.simulate(arm, inputs={"temperature": "20:30"}),
-    "effects": lambda arm: gp.simulate(arm, ["gear_harmonic J4"]),
-    "count": lambda arm: gp.choose_poses(arm, 2, criterion="observability"),
-    "criterion": lambda arm: gp.choose_poses(arm, 2, criterion="beauty"),
-    "above": lambda arm: gp.choose_poses(arm, 2, above="200"),
-}
-
-
-@pytest.mark.parametrize("argument", WRONG)
-def test_what_is_wrong_with_an_argument_is_one_line_that_names_it(argument: str) -> None:
-    with pytest.raises(gp.InputError) as caught:
-        WRONG[argument](gp.load_mechanism("irb6400r"))  # type: ignore[no-untyped-call]
-    assert str(caught.value).startswith(f"{argument}: ")
-    assert caught.value.argument == argument
-    assert "\n" not in str(caught.value)

@@ -28,7 +28,8 @@ NO_FILE = (NOTHING, NUMBER, LIST, FRAME, "")
 CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = {
     "load_mechanism": (
         lambda **a: gp.load_mechanism(**({"source": "irb6400r"} | a)),
-        {"source": NO_FILE[:-1], "payload": NO_NUMBER, "frame": (NUMBER, LIST, FRAME), "payload_com": NO_NUMBER},
+        {"source": NO_FILE[:-1], "payload": (*NO_NUMBER, "60"), "frame": (NUMBER, LIST, FRAME),
+         "payload_com": (*NO_NUMBER, (0.0, 1.0))},
     ),
     "read_table": (
         lambda **a: gp.read_table(**({"table": TABLE, "mechanism": ARM} | a)),
@@ -41,23 +42,24 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     "calibrate": (
         lambda **a: gp.calibrate(**({"mechanism": ARM, "table": TABLE} | a)),
         {
-            "mechanism": ANY, "table": NO_FILE, "effects": NO_TEXTS, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY,
-            "condition_limit": NO_NUMBER, "instrument": NO_NUMBER,
+            "mechanism": ANY, "table": NO_FILE, "effects": NO_TEXTS, "standard": (*NO_TEXTS, ("J9 *",)),
+            "holdout": (*ANY, 1.5), "seed": (*ANY, -1), "condition_limit": NO_NUMBER, "instrument": NO_NUMBER,
         },
     ),
     "discover": (
         lambda **a: gp.discover(**({"mechanism": ARM, "table": TABLE} | a)),
         {
-            "mechanism": ANY, "table": NO_FILE, "standard": (*NO_TEXTS, ("none",)), "holdout": ANY[1:],
-            "folds": (*ANY[1:], 1), "seed": ANY,
-            "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
-            "noise": NO_NUMBER, "instrument": NO_NUMBER, "progress": ANY,
+            "mechanism": ANY, "table": NO_FILE, "standard": (*NO_TEXTS, ("none",)), "holdout": (*ANY[1:], 0),
+            "folds": (*ANY[1:], 1), "seed": (*ANY, 0.5),
+            "condition_limit": (*NO_NUMBER, 0), "search": ANY[1:], "criteria": ANY[1:],
+            "candidates": (*NO_TEXTS, ("gear",)),
+            "noise": (*NO_NUMBER, 0.0), "instrument": NO_NUMBER, "progress": ANY,
         },
     ),
     "Search": (
         lambda **a: gp.discover(ARM, TABLE, search=gp.Search(**a)),
-        {"strategies": (*NO_TEXTS, FRAME, (gp.Linear,)), "runs": ANY, "stop_after": NO_NUMBER, "max_effects": ANY,
-         "population": ANY, "nats_per_node": (NOTHING, *NO_NUMBER)},
+        {"strategies": (*NO_TEXTS, FRAME, (gp.Linear,), ()), "runs": ANY, "stop_after": NO_NUMBER,
+         "max_effects": (*ANY, -1), "workers": (*ANY, 0), "population": ANY, "nats_per_node": (NOTHING, *NO_NUMBER)},
     ),
     "Criteria": (
         lambda **a: gp.discover(ARM, TABLE, criteria=gp.Criteria(**a)),
@@ -67,28 +69,37 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
         lambda **a: gp.evolve(**({"mechanism": ARM, "table": TABLE} | a)),
         {
             "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY, "space": ANY,
-            "norm": ANY, "strategies": (*NO_TEXTS[1:], FRAME, (gp.Linear(), gp.Linear())), "runs": ANY,
-            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "workers": ANY, "selection": ANY[1:],
+            "norm": ANY, "strategies": (*NO_TEXTS[1:], FRAME, (gp.Linear(), gp.Linear())), "runs": (*ANY, 0),
+            "population": (*ANY[1:], 20), "generations": ANY[1:], "seconds": NO_NUMBER, "workers": ANY,
+            "selection": ANY[1:],
             "progress": ANY,
         },
     ),
     "simulate": (
         lambda **a: gp.simulate(**({"mechanism": ARM} | a)),
         {
-            "mechanism": ANY, "effects": NO_TEXTS, "poses": NO_FILE, "noise": NO_NUMBER,
+            "mechanism": ANY, "effects": (*NO_TEXTS, ["gear_harmonic J4"]), "poses": (*NO_FILE, 0),
+            "noise": (*NO_NUMBER, "-1 mm"),
             "geometry_sigma": (NOTHING, *NO_NUMBER), "seed": ANY,
-            "inputs": (TEXT, NUMBER, LIST, OBJECT, {"t [s]": None}, {"t [s]": "a:b"}, {7: "1:2"}, {"t [s]": "9:1:2"}),
+            "inputs": (TEXT, NUMBER, LIST, OBJECT, {"t [s]": None}, {"t [s]": "a:b"}, {7: "1:2"}, {"t [s]": "9:1:2"},
+                       {"t": "20:30"}),
         },
     ),
     "choose_poses": (
         lambda **a: gp.choose_poses(**({"mechanism": ARM, "count": 3} | a)),
-        {"mechanism": ANY, "count": ANY[1:], "criterion": ANY[1:], "above": NO_NUMBER,
+        {"mechanism": ANY, "count": ANY[1:], "criterion": (*ANY[1:], "beauty"), "above": (*NO_NUMBER, "200"),
          "seed": ANY, "after": ANY[2:], "box": ANY[1:], "instrument": NO_NUMBER, "normal": ANY, "cone": (TEXT, 400.0),
          "tool_point": NO_NUMBER, "noise": NO_NUMBER},
     ),
     "load_model": (lambda **a: gp.load_model(**({"file": "nothing.json"} | a)), {"file": NO_FILE}),
 }  # fmt: skip
-WRONG = [(name, argument, value) for name, call in CALLS.items() for argument in call[1] for value in call[1][argument]]
+WRONG = [
+    pytest.param(name, argument, value, marks=[pytest.mark.long] * (value is not values[-1]))
+    for name, (_, arguments) in CALLS.items()
+    for argument, values in arguments.items()
+    for value in values
+]
+"""Every value, and in the default suite the last one of each argument."""
 
 
 def refused(call: Callable[[], object], argument: str) -> None:
@@ -99,7 +110,6 @@ def refused(call: Callable[[], object], argument: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("name", "argument", "value"), WRONG)
 def test_a_wrong_argument_of_a_function_is_one_line_that_names_it(name: str, argument: str, value: object) -> None:
     refused(lambda: CALLS[name][0](**{argument: value}), argument)
