@@ -1,6 +1,5 @@
 """Requests that are too large, contradictory or destructive are refused in one line, before any work."""
 
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,6 @@ import pytest
 from cli_cases import one_line, robot, run, table, write
 
 import gpmodel as gp
-from gpmodel.texts import SEAL, seal
 
 GOOD = table()
 
@@ -64,29 +62,6 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
     gp.calibrate(mechanism, made.dataset).model.save(path)
     return path
-
-
-@pytest.mark.parametrize(
-    ("keys", "value", "said"),
-    [
-        (("unknowns", 0), "x", "unknowns: 'x', expected what and its axis"),
-        (("unknowns", 0), "tool up", "unknowns: 'tool up', expected what and its axis"),
-        (("measured", "heldout"), [999], "measured.heldout: expected places below 40"),
-        (("measured", "columns"), ["a"], "measured.columns: expected the 6 joints"),
-        (("mechanism", "name"), "a\nb", "mechanism.name: Expected"),
-    ],
-)
-def test_a_model_sealed_again_is_refused_by_its_place(
-    keys: tuple[str | int, ...], value: object, said: str, model: Path, tmp_path: Path
-) -> None:
-    content = json.loads(model.read_text())
-    inner = content
-    for key in keys[:-1]:
-        inner = inner[key]
-    inner[keys[-1]] = value
-    changed = tmp_path / "model.json"
-    changed.write_text(json.dumps(content | {SEAL: seal(content)}))
-    assert f"model.json: {said}" in one_line(run("predict", changed, write(GOOD[:3], tmp_path / "t.csv")), 2)
 
 
 def test_a_pipe_beside_a_model_is_not_waited_for(model: Path, tmp_path: Path) -> None:
