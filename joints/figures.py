@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from joints.contact import HertzContact, PublishedContact
-from joints.film import FilmDesign, FilmGeometry, supporting_pressure
+from joints.film import Film, FilmDesign, FilmGeometry, supporting_pressure
 from joints.film import film_pressure as flat_pressure
 from joints.magnets import Magnet, MagnetSeat, PreloadDesign
 from joints.orifice import ATMOSPHERE, SCCM
-from joints.reynolds import SphericalFilm, compressible_film, spherical_area, spherical_pressure
+from joints.reynolds import compressible_film, spherical_area, spherical_pressure
 from joints.stiffness import RegimeCurve
 
 
@@ -103,7 +103,7 @@ def thermal(per_kelvin: Mapping[str, float], change: float, tolerance: float) ->
     return figure
 
 
-def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
+def film_guide(flat: FilmDesign, sphere: Film) -> Figure:
     """Plot flow and stiffness of the air film against displacement, for the flat-plate and the spherical model."""
     figure, (left, right) = _axes(2, 5.5)
     lift = flat.displacement * 1e6
@@ -122,7 +122,7 @@ def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
     return figure
 
 
-def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> Figure:
+def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: Film) -> Figure:
     """Plot displacement of the ball and gap at the socket's edge against inlet pressure (Figs 4.21 and 4.22)."""
     figure, (ax,) = _axes()
     ax.plot(inlet / ATMOSPHERE, lift * 1e6, label="displacement, flat plate")

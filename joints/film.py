@@ -169,23 +169,29 @@ def orifice_law(settings: Settings) -> Orifice:
 
 
 @dataclass(frozen=True)
-class FilmDesign:
-    """The design guide of Fig 4.13, one entry per displacement of the ball.
+class Film:
+    """An air film that carries a load, one entry per displacement of the ball.
 
     flow: flow through one orifice, m^3/s at atmospheric pressure.
-    resistance_ratio: flow resistance of one orifice over the resistance of the film.
     """
 
     displacement: Array
-    gap: Array
     flow: Array
     socket_pressure: Array
-    orifice_drop: Array
     inlet_pressure: Array
-    resistance_ratio: Array
-    published_stiffness: Array
     stiffness_constant_flow: Array
     stiffness_constant_inlet: Array
+
+
+@dataclass(frozen=True)
+class FilmDesign(Film):
+    """The design guide of Fig 4.13. resistance_ratio: flow resistance of one orifice over the resistance of the
+    film."""
+
+    gap: Array
+    orifice_drop: Array
+    resistance_ratio: Array
+    published_stiffness: Array
 
 
 def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> FilmDesign:
@@ -199,18 +205,8 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
     constant_flow = stiffness_constant_flow(geometry, load, gap)
     feed = feed_factor(geometry, resistance, orifice.flow_slope(inlet, socket))
     ratio = geometry.orifices * np.divide(inlet - socket, socket, out=np.full_like(gap, np.nan), where=socket > 0)
-    return FilmDesign(
-        lift,
-        gap,
-        flow,
-        socket,
-        inlet - socket,
-        inlet,
-        ratio,
-        published_stiffness(geometry, socket, gap),
-        constant_flow,
-        constant_flow * feed,
-    )
+    design = (inlet - socket, ratio, published_stiffness(geometry, socket, gap))
+    return FilmDesign(lift, flow, socket, inlet, constant_flow, constant_flow * feed, gap, *design)
 
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:

@@ -45,11 +45,6 @@ def total_preload(rings: Sequence[MagnetRing]) -> float:
     return sum(ring.axial_force for ring in rings)
 
 
-def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> Array:
-    """Return the largest pull [N] with the ball fixed to the robot: the preload at every joint angle (Fig 3.8)."""
-    return not_negative("preload", preload, "N") * np.ones_like(_pull_angle(angle))
-
-
 def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
     """Return the largest pull [N] on the ball at `angle` from the axis, with the socket fixed (Fig 3.7).
 

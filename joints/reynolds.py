@@ -29,23 +29,11 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 
 from gpmodel.arrays import Array
-from joints.film import FilmGeometry, feed_factor, film_gap, gap_along
+from joints.film import Film, FilmGeometry, feed_factor, film_gap, gap_along
 from joints.orifice import ATMOSPHERE, Orifice
 from joints.settings import not_negative, positive, require
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-
-
-@dataclass(frozen=True)
-class SphericalFilm:
-    """The spherical film at each displacement of the ball: flow of an orifice, pressures and stiffnesses."""
-
-    displacement: Array
-    flow: Array
-    socket_pressure: Array
-    inlet_pressure: Array
-    stiffness_constant_flow: Array
-    stiffness_constant_inlet: Array
 
 
 def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
@@ -79,7 +67,7 @@ def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
     return np.pi * geometry.ball_radius**2 * load_integral / _log_integral(geometry, displacement)
 
 
-def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> SphericalFilm:
+def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> Film:
     """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
     load = 6 mu r^2 flow integral(sin t / h^3 dt) at ball radius r, gap h and polar angle t, in closed form; stiffnesses
@@ -97,7 +85,7 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
     load_rate, resistance_rate = load_slope / load_integral, integral_slope / integral
     area_rate = load_rate - resistance_rate
     feed = feed_factor(geometry, resistance, orifice.flow_slope(inlet, socket))
-    return SphericalFilm(lift, flow, socket, inlet, -weight * load_rate, -weight * (area_rate + resistance_rate * feed))
+    return Film(lift, flow, socket, inlet, -weight * load_rate, -weight * (area_rate + resistance_rate * feed))
 
 
 def spherical_pressure(
@@ -199,9 +187,7 @@ CELLS = 800
 """Number of cells of the arc from the pole to the edge. Twice as many change the stiffness by 1e-5."""
 
 
-def lateral_stiffness(
-    geometry: FilmGeometry, film: SphericalFilm, orifice: Orifice | None = None, cells: int = CELLS
-) -> Array:
+def lateral_stiffness(geometry: FilmGeometry, film: Film, orifice: Orifice | None = None, cells: int = CELLS) -> Array:
     """Return the lateral stiffness [N/m] of an air film (lateral force per lateral displacement) at each axial
     displacement.
 

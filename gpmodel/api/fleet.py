@@ -28,7 +28,7 @@ from gpmodel.errors import InputError
 from gpmodel.executor import Forks, Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
-from gpmodel.hierarchy.fleet import Fleet, block_parts, calibrate_fleet, in_table_names, shared_parts
+from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet, in_table_names, shared_parts
 from gpmodel.hierarchy.found import FindingsFile, FleetSearch, MachineSearch, Rows, found_on_type
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.hierarchy.record import (
@@ -236,7 +236,7 @@ def _part(
     columns = called_so.pop() if len(called_so) == 1 else joints
     return FleetPart(
         KIND, SCHEMA, __version__, origin.command, origin.seed, arm.name, (x, y, z), joints, columns or joints, chosen,
-        final.undetermined, parts, shared_parts(final), block_parts(final), prior_parts(final.prior),
+        final.undetermined, parts, shared_parts(final), final.blocks, prior_parts(final.prior),
     )  # fmt: skip
 
 

@@ -128,12 +128,16 @@ def judged_by(
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
     rows = fresh[evenly(len(fresh))]
     found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order), significance)
-    limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
+    limit = None if tolerance is None else 1e3 * in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets.subset(rows))
-    asked = replace(asked, tolerance=limit, missed=missed, rows=len(fresh), fitted=tuple(dataset.row[old].tolist()))
+    others = None
     if len(rows) < len(fresh) and not dataset.observations:
-        asked = replace(asked, others=_others(found.session, dataset, np.union1d(rows, old)))
-    return VerifyResult(verification(found, asked)), found
+        others = _others(found.session, dataset, np.union1d(rows, old))
+    record = replace(
+        verification(found, asked, missed), tolerance_mm=limit, rows=len(fresh), others=others,
+        fitted=tuple(dataset.row[old].tolist()),
+    )  # fmt: skip
+    return VerifyResult(record), found
 
 
 def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:

@@ -120,21 +120,6 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
 
 
 @dataclass(frozen=True)
-class SharedBlock:
-    """A block of effects with priors, tested together, over machines of one type.
-
-    spread: standard deviation between machines, as a share of the priors.
-    low, high: 95 % interval of the spread.
-    """
-
-    name: str
-    effects: tuple[Effect, ...]
-    spread: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class Fleet:
     """Machines of one type calibrated together.
 
@@ -144,7 +129,7 @@ class Fleet:
     effects: names of effects without priors of their own.
     values, stderr: of each machine, values and standard errors of the effects, last of the logarithm of the noise.
     shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
-    blocks: effects with priors of their own.
+    blocks: records of the effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.
     undetermined: names of effects that the poses of some machine do not determine.
     """
@@ -157,7 +142,7 @@ class Fleet:
     values: Array
     stderr: Array
     shared: tuple[TypeDistribution, ...]
-    blocks: tuple[SharedBlock, ...]
+    blocks: tuple[BlockPart, ...]
     deviations: Deviations
     undetermined: tuple[str, ...]
 
@@ -194,8 +179,8 @@ def calibrate_fleet(
         estimate_spread(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False)
     )
     spread = tuple(
-        SharedBlock(name, group, *block.block_spread(of.subset(inside)))
-        for (name, group), of, inside in zip(groups, information, found.inside.T[len(shared) :], strict=True)
+        BlockPart(name, prior_parts(group), *block.block_spread(of.subset(found.inside[:, k])), *_of_machines(found, k))
+        for k, ((name, group), of) in enumerate(zip(groups, information, strict=True), len(shared))
     )
     plain = tuple(effect for effect, k in zip(common, bare, strict=True) if k)
     names = [*({e.name} for e in plain), set(), *({e.name for e in of.effects} for of in spread)]
@@ -221,13 +206,18 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
 
 
+def _of_machines(found: Deviations, k: int) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
+    """Return deviation z and chance of each machine in quantity number `k`, and the numbers of outlying machines."""
+    outside = np.flatnonzero(np.logical_not(found.inside[:, k]))
+    return tuple(found.z[:, k].tolist()), tuple(found.chance[:, k].tolist()), tuple(outside.tolist())
+
+
 def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
     """Return the fleet.json record of every effect without a prior of its own and, last, of the noise."""
     noise = Effect(NOISE, (), "1")
     out = []
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
-        z, chances = final.deviations.z[:, k], final.deviations.chance[:, k]
-        outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
+        z, chances, outliers = _of_machines(final.deviations, k)
         fits = () if effect.constant else final.shrunk
         at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
         both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
@@ -237,19 +227,9 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
                 mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
                 values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
                 shrunken=tuple(v for v, _ in both), shrunken_stderrs=tuple(e for _, e in both),
-                z=tuple(z.tolist()), chances=tuple(chances.tolist()), outliers=tuple(outside.tolist()),
+                z=z, chances=chances, outliers=outliers,
             )
         )  # fmt: skip
-    return tuple(out)
-
-
-def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
-    """Return the fleet.json record of every block of effects with priors of their own."""
-    out = []
-    for k, one in enumerate(final.blocks, len(final.shared)):
-        outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
-        of = (tuple(a.tolist()) for a in (final.deviations.z[:, k], final.deviations.chance[:, k], outside))
-        out.append(BlockPart(one.name, prior_parts(one.effects), one.spread, one.low, one.high, *of))
     return tuple(out)
 
 

@@ -251,7 +251,7 @@ def summary(fleet: FleetPart) -> str:
     """Return the report on several machines as text: verdict, machines (the worst first), effects, geometry, record."""
     blocks = (
         ("Verdict", [wording.wrapped(text) for text in sentences(fleet)]),
-        (machines_title(fleet), list(_machines(fleet))),
+        (f"Machines{', the largest deviation first' * (len(fleet.machines) >= FEWEST)}", list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
         ("Effects with priors of their own", list(_blocks(fleet))),
         ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
@@ -275,11 +275,6 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
         yield f"not listed, because the poses of some machines do not determine them: {', '.join(fleet.left_out)}"
     if len(fleet.machines) < FEWEST:
         yield NOT_TESTED
-
-
-def machines_title(fleet: FleetPart) -> str:
-    """Return the heading of the table of machines, which states the order of its rows."""
-    return "Machines" + (", the largest deviation first" if len(fleet.machines) >= FEWEST else "")
 
 
 def _machines(fleet: FleetPart) -> Iterator[str]:

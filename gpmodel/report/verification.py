@@ -165,32 +165,21 @@ class Verification:
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """Input of the verification of a model on new measurements.
-
-    missed: error at each compensated target, m.
-    rows: number of rows of the table.
-    others: rows that are not tested.
-    fitted: rows that are excluded because the model was fitted to them.
-    """
+    """Command of a verification, and name and digest of the tested model file."""
 
     command: str
     model_file: str
     model_sha256: str
-    tolerance: float | None = None
-    missed: Array | None = None
-    rows: int = 0
-    others: Others | None = None
-    fitted: tuple[int, ...] = ()
 
 
-def verification(found: Verified, asked: VerifyRequest) -> Verification:
+def verification(found: Verified, asked: VerifyRequest, missed: Array | None = None) -> Verification:
     """Return the record of a test of a model on later poses, with the joint names of the later table."""
     session = found.session
     data, count = session.poses.dataset, len(session.poses)
     names = names_of(data)
     measured = np.any([kind.readings.any(axis=1) for kind in observations(data)], axis=0)
     errors = np.where(measured, session.errors, np.nan)
-    missed = np.full(count, np.nan) if asked.missed is None else asked.missed
+    missed = np.full(count, np.nan) if missed is None else missed
     promised, chances = found.found.by_pose
     return Verification(
         command=asked.command,
@@ -224,13 +213,9 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         missed=statistics_mm(missed[np.isfinite(missed)]),
         instrument=found.instrument,
         repeatability=repeatability(data),
-        tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
         kinds=tuple(_kinds(found, promised)),
         orientation=_orientation(found),
         lever_m=session.saved.lever,
-        rows=asked.rows,
-        others=asked.others,
-        fitted=asked.fitted,
         chance_of_less=found.found.chance_of_less,
         versions=versions(),
     )  # fmt: skip

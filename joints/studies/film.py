@@ -12,6 +12,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints import figures
 from joints.film import (
+    Film,
     FilmDesign,
     FilmGeometry,
     design_film,
@@ -25,7 +26,6 @@ from joints.film import (
 )
 from joints.orifice import ATMOSPHERE, SCCM, Orifice
 from joints.reynolds import (
-    SphericalFilm,
     compressible_film,
     lateral_stiffness,
     orifice_spreading_resistance,
@@ -36,10 +36,6 @@ from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 APART = 1e4
 """Condition number of the scaled fit above which measured rows cannot separate clearance from flow ratio."""
-
-
-Film = FilmDesign | SphericalFilm
-"""An air film that carries a load at a displacement of the ball."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +168,7 @@ def _guide(design: FilmDesign) -> dict[str, np.ndarray]:
     }
 
 
-def _sphere(film: SphericalFilm, compressible: np.ndarray, spreading: np.ndarray) -> dict[str, np.ndarray]:
+def _sphere(film: Film, compressible: np.ndarray, spreading: np.ndarray) -> dict[str, np.ndarray]:
     return {
         "displacement_um": film.displacement * MICRO,
         "flow_sccm": film.flow / SCCM,

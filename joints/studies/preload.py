@@ -20,7 +20,6 @@ from joints.magnets import (
 from joints.orifice import ATMOSPHERE
 from joints.preload import (
     MagnetRing,
-    ball_fixed_limit,
     cap_area,
     published_socket_area,
     socket_fixed_limit,
@@ -54,7 +53,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     designs = rank_designs(wanted["socket_angles"], wanted["ring_angles"], magnets, seat)[: wanted["keep"]]
     best = [continuous_optimum(magnet, seat, max(wanted["socket_angles"])) for magnet in magnets]
 
-    published, least = published_preloads(), float(ball_fixed_limit(preload, angles).min())
+    published = published_preloads()
     data = {
         "preload_N": preload,
         "socket_fixed_worst_N": socket_fixed.min(),
@@ -71,7 +70,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     }
     return Study(
         (
-            _pulls(preload, (least, socket_fixed.min()), support_preload, (towards.min(), limits.min())),
+            _pulls(preload, socket_fixed.min(), support_preload, (towards.min(), limits.min())),
             Table(
                 "Designs on the grid, best first (Tables 3.1 and 4.1)",
                 _HEADS,
@@ -96,15 +95,15 @@ _HEADS = (
 )  # fmt: skip
 
 
-def _pulls(preload: float, sliding: tuple[float, float], support: float, rolling: tuple[float, float]) -> Table:
+def _pulls(preload: float, socket: float, support: float, rolling: tuple[float, float]) -> Table:
     """Tabulate the smallest limit of the pull on the sliding joint (ball or socket fixed) and on the rolling joint."""
-    (ball, socket), (towards, anywhere) = sliding, rolling
+    towards, anywhere = rolling
     fluid, point = "sliding, fluid", "point, rolling"
     return Table(
         "Largest pull before the joint separates",
         ("Joint", "Mounting", "At 0 deg [N]", "Worst [N]", "Worst / preload"),
         [
-            (fluid, "ball fixed", preload, ball, 1.0),
+            (fluid, "ball fixed", preload, preload, 1.0),
             (fluid, "socket fixed", preload, socket, socket / preload),
             (point, "ball fixed", support, support, 1.0),
             (point, "socket fixed, towards a support", support, towards, towards / support),

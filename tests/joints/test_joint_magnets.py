@@ -15,7 +15,6 @@ from joints.magnets import (
 )
 from joints.preload import (
     MagnetRing,
-    ball_fixed_limit,
     cap_area,
     contact_directions,
     contact_forces,
@@ -179,7 +178,7 @@ def test_supports_share_the_preload_at_rest() -> None:
         (lambda: cap_area(-0.025, 1.0), "socket radius = -0.025, expected above 0 m"),
         (lambda: socket_fixed_limit(100, 1.0, 0.0), "reaction angle [deg] = 0"),
         (lambda: socket_fixed_limit(-1, 1.0, 1.0), "preload = -1, expected at least 0 N"),
-        (lambda: ball_fixed_limit(1, 95 * DEG), "pull angle [deg] = 95, expected 0 to 90 deg"),
+        (lambda: socket_fixed_limit(1, 95 * DEG, 1.0), "pull angle [deg] = 95, expected 0 to 90 deg"),
         (lambda: contact_directions(91 * DEG), "contact angle [deg] = 91, expected above 0 and at most 90"),
         (lambda: MagnetRing(0, 1.0, 1.0, 0.01), "magnet count = 0"),
         (lambda: MagnetRing(2, 1.0, np.nan, 0.01), "magnet ring angle [deg] = nan"),

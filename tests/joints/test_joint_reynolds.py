@@ -10,11 +10,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry, film_gap, film_resistance, pad_load
+from joints.film import Film, FilmGeometry, film_gap, film_resistance, pad_load
 from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import (
     CELLS,
-    SphericalFilm,
     compressible_film,
     lateral_stiffness,
     orifice_spreading_resistance,
@@ -152,7 +151,7 @@ POLE, ALONG, AROUND = 7.0, 240, 64
 """Depth of the pole's cut below the ring, in s; nodes along s and around."""
 
 
-def force(moved: tuple[float, float], film: SphericalFilm, flow: tuple[float, float]) -> np.ndarray:
+def force(moved: tuple[float, float], film: Film, flow: tuple[float, float]) -> np.ndarray:
     """Force (2,) [N] across and along the axis on a ball moved by (across, away from the socket) [m].
 
     In s = ln tan(t/2) Reynolds' equation is div(h³ grad p) = 0 of a plane strip; the ring feeds flow[0] + flow[1] p
@@ -192,7 +191,7 @@ def force(moved: tuple[float, float], film: SphericalFilm, flow: tuple[float, fl
     return np.array([-np.sum(area / np.cosh(s)[:, None] * np.cos(f)), np.sum(area * -np.tanh(s)[:, None])])
 
 
-def by_differences(film: SphericalFilm, flow: tuple[float, float]) -> np.ndarray:
+def by_differences(film: Film, flow: tuple[float, float]) -> np.ndarray:
     """Stiffnesses (2,) across and along the axis [N/m], by central differences of the force."""
     step = 1e-3 * JOINT.clearance
     pairs = [((step, 0.0), (-step, 0.0)), ((0.0, step), (0.0, -step))]
