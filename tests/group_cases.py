@@ -21,7 +21,7 @@ from gpmodel.selection.group import Group, Price, Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, shared_kinds, singles
 from gpmodel.selection.pool import GroupPool, Rows
 from gpmodel.selection.posterior import Active
-from gpmodel.table.bundles import replicates
+from gpmodel.table.blocks import replicates
 
 ARM = "irb6400r"
 STANDING = (of_offers(catalogue.catalogue),)

@@ -26,7 +26,7 @@ from gpmodel.report.effects import from_calibration
 from gpmodel.report.from_discovery import compensation, from_discovery, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 FAMILIES = (
     "base_compliance", "joint_compliance", "joint_bending", "eccentricity", "gear_harmonic", "transmission_ripple",

@@ -21,7 +21,7 @@ from experiments.extrapolation.run import COLUMNS, columns_of
 from experiments.extrapolation.run import one_robot as compensated
 from experiments.irb6400r_truth import Case
 from gpmodel.model.error_model import prepare
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 TAUGHT, MEAN, MAXIMUM = (COLUMNS.index(name) for name in ("train max", "held-out mean", "held-out max"))
 

@@ -30,7 +30,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import stretches
+from gpmodel.table.blocks import stretches
 
 CASE = Case("innocent", "kuka_like", 120, 0.03, columns=("temperature",))
 PLANTED = "joint compliance, J3"
@@ -73,8 +73,8 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     worth, limits = nats[best], there.criteria
     units = {
         "poses": there.block_of_pose,
-        "stretches": stretches(there.poses.states["row"], limits.fewest_bundles),
-        "regions": regions(np.column_stack([there.poses.states[axis] for axis in "xyz"]), limits.fewest_bundles),
+        "stretches": stretches(there.poses.states["row"], limits.fewest_blocks),
+        "regions": regions(np.column_stack([there.poses.states[axis] for axis in "xyz"]), limits.fewest_blocks),
     }
     p = {}
     for name, unit in units.items():

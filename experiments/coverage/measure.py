@@ -35,7 +35,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import Origin
-from gpmodel.table.bundles import hold_out, replicates
+from gpmodel.table.blocks import hold_out, replicates
 
 _EFFECTS = {
     "compliance": ("kuka_like", effect("compliance", 0.2, joint=3), "joint compliance, J3"),

@@ -25,7 +25,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin, versions
 from gpmodel.report.saved import as_dict
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.studies.budget import budget_chart
 from joints.studies.contact import contact_chart, contact_types

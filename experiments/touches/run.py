@@ -30,7 +30,7 @@ from gpmodel.numerics.se3 import frame_of
 from gpmodel.report.origin import versions
 from gpmodel.table.dataset import unmeasured
 
-HERE, ARM, JUDGED = Path(__file__).parent, gp.load_mechanism("irb6400r"), 1500
+HERE, ARM, FOLD_SEED = Path(__file__).parent, gp.load_mechanism("irb6400r"), 1500
 EFFECTS = ("joint_compliance J2=1.5e-6", "gear_harmonic J4=200 arcsec", "gear_harmonic J1=60 arcsec")
 LIGHT = ("joint_compliance J2=2e-5", "gear_harmonic J4=400 arcsec", "gear_harmonic J1=120 arcsec")
 OF_TWO = ("joint_compliance left_2=2e-5", "gear_harmonic right_2=200 arcsec", "gear_harmonic table=60 arcsec")
@@ -74,7 +74,7 @@ def carried(model: ErrorModel, theta: Array, placement: Placement, q: Array) -> 
 def judged(made: SimulationResult, fits: list[Calibration]) -> list[tuple[float, float]]:
     """Mean errors, mm, inside and outside the measured region, of several fits."""
     truth, here = made.truth.saved, made.table.q
-    where = random_poses(truth.mechanism, JUDGED, np.random.default_rng(5))
+    where = random_poses(truth.mechanism, FOLD_SEED, np.random.default_rng(5))
     real, seen = (carried(truth.model, truth.theta, truth.placement, q) for q in (where, here))
     middle = np.median(seen, axis=0)
     reach = np.quantile(np.linalg.norm(seen - middle, axis=1), 0.9)

@@ -13,7 +13,7 @@ from experiments import measured
 from gpmodel.application.model_file import load_model
 from gpmodel.calibration.result import errors_on
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 HERE = Path(__file__).parent
 

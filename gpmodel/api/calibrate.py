@@ -46,7 +46,7 @@ from gpmodel.report.build import Ladder
 from gpmodel.report.effects import from_calibration
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 from gpmodel.table.dataset import Dataset
 
 COMMAND = "gpmodel.calibrate"

@@ -20,7 +20,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import standard_effects
 from gpmodel.numerics.se3 import chain
 from gpmodel.progress import Reporter, Say, silent
-from gpmodel.table.bundles import different_poses
+from gpmodel.table.blocks import different_poses
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
 

@@ -62,7 +62,7 @@ from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord
 from gpmodel.report.verdict import of_discovery
-from gpmodel.table.bundles import FOLDS, JUDGED, USUAL, different_poses, hold_out, repeat_blocks
+from gpmodel.table.blocks import FOLD_SEED, FOLDS, USUAL, different_poses, hold_out, repeat_blocks
 from gpmodel.table.dataset import Dataset
 
 COMMAND = "gpmodel.discover"
@@ -184,7 +184,7 @@ def discover(
             ways = (partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers)))
             found = discover_by_folds(whole_run, [started(way) for way in ways], poses, parts, criteria, search.here)
         else:
-            found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
+            found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(FOLD_SEED)))
     alone = alone_steps(found) if known else None
     return DiscoveryResult(over_causes(found), Origin(command, seed, found.seconds, floor), note, alone)
 

@@ -20,7 +20,7 @@ from gpmodel.application.verify import afterwards
 from gpmodel.arrays import Array
 from gpmodel.progress import Say, silent
 from gpmodel.report.verification import VerifyRequest
-from gpmodel.table.bundles import different_poses
+from gpmodel.table.blocks import different_poses
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12

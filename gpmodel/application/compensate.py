@@ -27,7 +27,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import closing, prepare
 from gpmodel.numerics import se3
-from gpmodel.table.bundles import poses_of_tips
+from gpmodel.table.blocks import poses_of_tips
 from gpmodel.table.cells import with_results
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from

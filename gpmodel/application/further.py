@@ -37,7 +37,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 from gpmodel.numerics.interval import COVERAGE, Tails, with_far_ones
 from gpmodel.numerics.least_squares import outlier_limit
-from gpmodel.table.bundles import sharing
+from gpmodel.table.blocks import sharing
 
 POSES = 1000
 """Number of poses of each simulated session of further measurements."""

@@ -22,7 +22,7 @@ from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of, tip_slots
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import SAME_JOINT, poses_of_tips
+from gpmodel.table.blocks import SAME_JOINT, poses_of_tips
 from gpmodel.table.dataset import Dataset, with_payload
 
 REACHED = 1e-7

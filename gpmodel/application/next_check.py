@@ -24,7 +24,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.error_model import Poses, prepare
 from gpmodel.numerics import rank
 from gpmodel.planning.poses import spread_among
-from gpmodel.table.bundles import sharing
+from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 LAST = 20
@@ -66,8 +66,8 @@ def level(saved: SavedModel, dataset: Dataset) -> float:
     Earlier tests used the first 6, 7, ... different poses. A change that a test reports remains reported as long as it
     is significant at the level of that test, which adds nothing to FALSE_ALARM.
     """
-    bundle = sharing(dataset)
-    starts = np.sort(np.unique(bundle, return_index=True)[1])
+    pose_id = sharing(dataset)
+    starts = np.sort(np.unique(pose_id, return_index=True)[1])
     for count, end in enumerate(starts[FIRST:LAST].tolist(), FIRST):
         try:
             if verified(saved, dataset.subset(np.arange(end)), significance(count)).verdict != "holds":

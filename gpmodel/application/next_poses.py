@@ -84,7 +84,7 @@ class PlanningContext:
         poses or at the poses `at`."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
-        return _question(here, there, self.saved.sigma**2 * variance_root(over), self._believed)
+        return _question(here, there, self.saved.sigma**2 * variance_root(over), self._precision)
 
     def task_poses(self, targets: Dataset, rng: np.random.Generator) -> Poses:
         """Return the poses of a task; inputs missing in the task's table are taken from random rows of the measured
@@ -101,7 +101,7 @@ class PlanningContext:
         theta, moves = self.saved.theta[finding.effects], variance_root(here[:, :, own])
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[np.ix_(own, own)] = moves / (theta @ moves @ theta)
-        return _question(here, there, weight, self._believed)
+        return _question(here, there, weight, self._precision)
 
     def effects_problem(self, effects: tuple[Effect, ...]) -> Design:
         """Return the experimental-design problem of effects that are not in the model: mean square displacement, m²."""
@@ -109,8 +109,8 @@ class PlanningContext:
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[np.ix_(own, own)] = self.saved.sigma**2 * variance_root(there[:, :, own])
-        believed = np.concatenate([self._believed, np.zeros(len(effects))])
-        return _question(here, there, weight, believed)
+        precision = np.concatenate([self._precision, np.zeros(len(effects))])
+        return _question(here, there, weight, precision)
 
     def separation(self, finding: Alternatives, rival: tuple[Effect, ...]) -> Design:
         """Return the experimental-design problem of a finding's amplitude given an alternative explanation.
@@ -121,11 +121,11 @@ class PlanningContext:
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[-1, -1] = 1.0
         own = len(self.saved.covariance.placement) + finding.effects
-        believed = np.concatenate([np.delete(self._believed, own), np.zeros(len(rival) + 1)])
-        return _question(here, there, weight, believed)
+        precision = np.concatenate([np.delete(self._precision, own), np.zeros(len(rival) + 1)])
+        return _question(here, there, weight, precision)
 
     @property
-    def _believed(self) -> Array:
+    def _precision(self) -> Array:
         """Prior precision (one over the variance) of each parameter of the model.
 
         Constants that the measured poses may not determine have the prior standard deviation BUILT.
@@ -152,10 +152,10 @@ class PlanningContext:
         return without_joint_motion(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
 
 
-def _question(here: Array, there: Array, weight: Array, believed: Array) -> Design:
+def _question(here: Array, there: Array, weight: Array, precision: Array) -> Design:
     """Return the experimental-design problem from columns at the measured and candidate poses, scaled by
     information."""
-    known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
+    known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(precision), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
     scale[scale == 0.0] = 1.0
     return Design(there / scale, known / np.outer(scale, scale), LOptimal(weight / np.outer(scale, scale)))

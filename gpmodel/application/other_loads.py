@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.size import without_positions
+from gpmodel.calibration.overall_scale import without_positions
 from gpmodel.evidence.residual import Residual
 from gpmodel.formula.expression import Columns
 from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism

@@ -15,9 +15,9 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
+from gpmodel.calibration.alternatives import ROW, UNKNOWNS, session_inputs
 from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, PlacementNumber, placement_numbers, problem_at
-from gpmodel.calibration.rivals import ROW, UNKNOWNS, session_inputs
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria
@@ -31,7 +31,7 @@ from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import solve
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 ALONG = 0.7
 """Least cosine between an effect and its assigned direction of a ball joint: an angle below 45 degrees."""
@@ -154,7 +154,7 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     few = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
     known = {effect.name for effect in fit.model.effects}
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
-    residual = residual_of(fit, found.poses, Criteria(), JUDGED)
+    residual = residual_of(fit, found.poses, Criteria(), FOLD_SEED)
     places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings] or [
         causes_of(residual, None, pool)
     ]
@@ -192,8 +192,8 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0.0] = 1.0
     left, _ = residual.projected(effects)
-    belief = np.array([residual.sigma / e.prior for e in effects]) / norms
-    spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)
+    prior_weight = np.array([residual.sigma / e.prior for e in effects]) / norms
+    spread = np.linalg.pinv(left.T @ left + np.diag(prior_weight**2), rcond=1e-12, hermitian=True)
     fitted = spread @ (left.T @ residual.values)
     padded = np.zeros((len(system), len(norms)))
     padded[: residual.measured] = columns / norms
@@ -212,8 +212,8 @@ def _system_of_fit(residual: Residual) -> Array:
     """
     fit, problem = residual.calibration, residual.problem
     kept = np.isin([e.name for e in fit.model.effects], residual.names)
-    believed = fit_priors(fit.model, problem, fit.theta, fit.placement, kept)
-    return np.asarray(np.vstack([problem.columns, believed.rows])[:, problem.free(kept)])
+    priors = fit_priors(fit.model, problem, fit.theta, fit.placement, kept)
+    return np.asarray(np.vstack([problem.columns, priors.rows])[:, problem.free(kept)])
 
 
 def with_cause_variance(fit: Calibration, poses: Poses, places: Sequence[CauseSet]) -> Calibration:

@@ -11,7 +11,7 @@ from scipy import special
 
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck, kept_by
 from gpmodel.arrays import Array, IntArray, NotNegative, Share
-from gpmodel.calibration.rivals import ROW
+from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase

@@ -32,7 +32,7 @@ from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank, se3
 from gpmodel.numerics.interval import chance_of_less, chance_of_ratio
-from gpmodel.table.bundles import different_poses, sharing
+from gpmodel.table.blocks import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
@@ -187,7 +187,7 @@ class Recheck:
     """Whitened residuals of a later session.
 
     z: whitened residual. basis: orthonormal basis of the projected-out span.
-    bundle: number of every pose, equal for repeats. pose: pose number of every row.
+    pose_id: number of every pose, equal for repeats. pose: pose number of every row.
     freedom: degrees of freedom of the noise σ.
     anew: names of the parameters that the session fits, and their covariance.
     """
@@ -198,7 +198,7 @@ class Recheck:
     spread: Spread
     z: Array
     basis: Array
-    bundle: IntArray
+    pose_id: IntArray
     pose: IntArray
     freedom: float
     anew: tuple[tuple[str, ...], Array]
@@ -241,14 +241,14 @@ class Recheck:
 
         The expected error includes the covariance V and the fitted registration, and is NaN for excluded poses.
         """
-        promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
+        promised, chance = (np.full(len(self.pose_id), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
         turns = self._turns
         for code in np.unique(self.pose):
             rows = np.flatnonzero(self.pose == code)
             covariance = self.spread.block(rows) - fitted[rows] @ fitted[rows].T
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
-            here = (self.bundle == code) & self.session.use
+            here = (self.pose_id == code) & self.session.use
             promised[here] = np.sqrt(np.trace(covariance[~turns[rows]][:, ~turns[rows]]))
             chance[here] = chance_of_ratio(unlikely / len(rows), len(rows), self.freedom)
         return promised, chance
@@ -275,8 +275,8 @@ class Recheck:
 def recheck(session: Session) -> Recheck:
     """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
-    bundle = sharing(session.poses.dataset)
-    blocks = blocks_of(problem, bundle)
+    pose_id = sharing(session.poses.dataset)
+    blocks = blocks_of(problem, pose_id)
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     values, vectors = np.linalg.eigh(saved.covariance.predictive)
@@ -295,7 +295,7 @@ def recheck(session: Session) -> Recheck:
     first = np.unique(blocks.block, return_index=True)[1]
     names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
     found = Recheck(
-        session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], saved.freedom,
+        session, problem, blocks, spread, z, basis, pose_id, pose_id[problem.pose_of_row[first]], saved.freedom,
         (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
     )  # fmt: skip
     count = different_poses(session.poses.dataset)

@@ -24,8 +24,8 @@ from gpmodel.arrays import Array, Mask, NotNegative
 from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import blocks_of
+from gpmodel.calibration.overall_scale import without_frame
 from gpmodel.calibration.result import Covariance
-from gpmodel.calibration.size import without_frame
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Term
 from gpmodel.model.error_model import ErrorModel, observe
@@ -34,7 +34,7 @@ from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics import rank
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.planning.design import Design, LOptimal, choose, deviations
-from gpmodel.table.bundles import sharing
+from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2

@@ -19,7 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 
 def under_true_loads(
@@ -62,7 +62,7 @@ def _other_loads(found: Discovery, criteria: Criteria) -> OtherLoads | None:
     poses, loads = found.poses.subset(found.train), found.poses.states.loads
     following = [e for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)]
     standard, full = (
-        residual_of(step.calibration, poses, criteria, JUDGED) for step in (found.steps[1], found.steps[-1])
+        residual_of(step.calibration, poses, criteria, FOLD_SEED) for step in (found.steps[1], found.steps[-1])
     )
     each = (other_loads(residual, found.mechanism) for residual in (standard, full.without(following)))
     return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
@@ -70,7 +70,7 @@ def _other_loads(found: Discovery, criteria: Criteria) -> OtherLoads | None:
 
 def _worth(found: Discovery, criteria: Criteria) -> float:
     """Return the log likelihood of cross-validated predictions, less the penalties of the findings, nats."""
-    residual = residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, JUDGED)
+    residual = residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, FOLD_SEED)
     price = sum(f.candidate.cost + criteria.minimum_nats for f in found.findings)
     return -residual.measured * math.log(cross_validated(residual, ()).rms) - price
 
@@ -88,7 +88,7 @@ def _beside_payload(found: Discovery) -> Discovery:
     mass = mass_at_tool(*there, np.zeros(3))
     loads = (*((mass,) if mass else ()), *moments_at_tool(*there))
     model = replace(fit.model, effects=(*effects, *(replace(load, prior=carried) for load in loads)))
-    joint: Calibration = calibrate(model, poses, condition_limit=fit.condition_limit, start=fit, seed=JUDGED)
+    joint: Calibration = calibrate(model, poses, condition_limit=fit.condition_limit, start=fit, seed=FOLD_SEED)
     theta = np.append(fit.theta, np.zeros(len(loads)))
     joint = replace(joint, theta=theta, placement=fit.placement, error=fit.error, sigma=fit.sigma)
     fitted: FinalFit = replace(found.fitted, calibration=joint)

@@ -6,15 +6,15 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import LIMIT as SIZE_LIMIT
-from gpmodel.calibration.size import scale_similarity, scale_unobservable
+from gpmodel.calibration.overall_scale import LIMIT as SIZE_LIMIT
+from gpmodel.calibration.overall_scale import scale_similarity, scale_unobservable
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics import rank as ident
-from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
+from gpmodel.table.blocks import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3

@@ -20,7 +20,7 @@ from gpmodel.model.instruments import METRES_A_RADIAN
 from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import among_worst, in_company, outlier_limit
 from gpmodel.numerics.rank import LIMITS, RankChoice
-from gpmodel.table.bundles import sharing
+from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 STEPS = 10

@@ -63,8 +63,8 @@ def linear_step(
     gram: inner products of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
-    belief, sigma = fit_priors(model, problem, theta, placement, kept), noise_sigma(model, problem)
-    rows = belief.rows[:, free]
+    priors, sigma = fit_priors(model, problem, theta, placement, kept), noise_sigma(model, problem)
+    rows = priors.rows[:, free]
     readings = JointPriors.select(problem, rows, free, sigma)
     rows = np.vstack([rows, readings.rows(problem)[:, free]])
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
@@ -73,11 +73,11 @@ def linear_step(
     factor = None
     if gram is not None:
         inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
-        inner[np.diag_indices_from(inner)] += np.sum(rows[: belief.single] ** 2, axis=0)
-        inner += rows[belief.single :].T @ rows[belief.single :]
+        inner[np.diag_indices_from(inner)] += np.sum(rows[: priors.single] ** 2, axis=0)
+        inner += rows[priors.single :].T @ rows[priors.single :]
         factor = ident.factored(inner)
-    pulls = np.concatenate([belief.rhs, readings.rhs(problem)])
-    return LinearStep(problem, free, scale, rows, pulls, readings, factor, belief.geometry, sigma)
+    pulls = np.concatenate([priors.rhs, readings.rhs(problem)])
+    return LinearStep(problem, free, scale, rows, pulls, readings, factor, priors.geometry, sigma)
 
 
 MAX_ITERATIONS = 30

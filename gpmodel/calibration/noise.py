@@ -84,35 +84,35 @@ class Whitening:
         return replace(self, ratio=min(ratio, LARGEST_RATIO))
 
 
-def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
+def decorrelate(problem: Linearised, values: Array, pose_id: IntArray, ratio: float) -> None:
     """Make the errors of repeated poses independent (whiten them), in place; a pose measured once is unchanged.
 
-    bundle: number of every pose, equal for repeats.
+    pose_id: number of every pose, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
     """
     if ratio > 0.0:
-        rows, _, noise = blocks_of(problem, bundle, ratio).shared
+        rows, _, noise = blocks_of(problem, pose_id, ratio).shared
         values[rows] = np.sqrt(1.0 + ratio) * noise.whiten(values[rows])
 
 
-def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
+def pose_ratio(problem: Linearised, pose_id: IntArray, ratio: float, held: float) -> float:
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
-    problem: linear problem whose residual was whitened by `ratio`. bundle: number of every pose, equal for repeats.
+    problem: linear problem whose residual was whitened by `ratio`. pose_id: number of every pose, equal for repeats.
     held: number of fitted effects. If no pose was measured twice, the given `ratio` is returned.
     """
-    noise = blocks_of(problem, bundle, ratio)
+    noise = blocks_of(problem, pose_id, ratio)
     return noise.estimated(noise.unwhiten(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
-def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) -> float:
+def freedom(problem: Linearised, pose_id: IntArray, ratio: float, rank: float) -> float:
     """Return the degrees of freedom of the residual variance about a model of effectively `rank` unknowns.
 
     For M independent measurements the degrees of freedom are M - rank. For B blocks of n measurements with variance
     ratio ρ, Satterthwaite's formula holds for the sum of shared and independent variance: 2 (1 + ρ)² / V with V = (2 (1
     + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source: JCGM 100 (2008), G.4.
     """
-    count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)
+    count, blocks = len(problem.residual), len(blocks_of(problem, pose_id).sizes)
     if ratio == 0.0 or blocks == count:
         return float(max(count - rank, 1))
     size = count / blocks
@@ -120,14 +120,14 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) ->
     return 2 * (1 + ratio) ** 2 * size**2 / variance
 
 
-def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
+def blocks_of(problem: Linearised, pose_id: IntArray, ratio: float = 0.0) -> Whitening:
     """Return the whitening of repeated measurements, whose blocks hold one component of one pose, for a known ratio.
 
-    bundle: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since
+    pose_id: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since
     elimination of joint values mixes the components.
     """
     if problem.reduced is not None:
         return Whitening(np.arange(len(problem.residual)), ratio)
     component = np.nonzero(problem.weights > 0)[1]
-    key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component
+    key = pose_id[problem.pose_of_row] * problem.weights.shape[1] + component
     return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64), ratio)

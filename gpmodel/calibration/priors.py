@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import (
+from gpmodel.calibration.overall_scale import (
     TOLERANCE,
     equivalent_changes,
     nominal_constants,

@@ -10,8 +10,8 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import freedom
+from gpmodel.calibration.overall_scale import unrepresented_constants
 from gpmodel.calibration.priors import JointPriors, fit_priors
-from gpmodel.calibration.size import unrepresented_constants
 from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
@@ -195,12 +195,12 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
-    belief = fit_priors(fitting.model, problem, fitted.theta, fitted.placement, kept)
-    rows = belief.rows[:, free]
-    count = len(problem.columns) + belief.effect_rows
+    priors = fit_priors(fitting.model, problem, fitted.theta, fitted.placement, kept)
+    rows = priors.rows[:, free]
+    count = len(problem.columns) + priors.effect_rows
     rank = int(free.sum())
     if problem.reduced is not None:
-        both = np.vstack([problem.columns[:, free], rows[: belief.effect_rows]])
+        both = np.vstack([problem.columns[:, free], rows[: priors.effect_rows]])
         rank = int(np.linalg.matrix_rank(both / _or_one(np.linalg.norm(both, axis=0)), 1e-9))
     left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise

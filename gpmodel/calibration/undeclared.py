@@ -26,8 +26,8 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.iterate import Fitted, Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.overall_scale import LEAST, MOST, TOLERANCE, nominal_constants, without_positions
 from gpmodel.calibration.result import Calibration, uncertainty
-from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, nominal_constants, without_positions
 from gpmodel.calibration.start import placement_after
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect

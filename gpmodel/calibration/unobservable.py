@@ -7,8 +7,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.overall_scale import TOLERANCE, nominal_constants, shows_size, without_frame, without_positions
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import TOLERANCE, nominal_constants, shows_size, without_frame, without_positions
 from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints

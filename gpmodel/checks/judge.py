@@ -30,7 +30,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.model.touches import Touches
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.progress import Reporter
-from gpmodel.table.bundles import SAME_JOINT, USUAL, different_poses, different_readings, noise_floor
+from gpmodel.table.blocks import SAME_JOINT, USUAL, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
 
 

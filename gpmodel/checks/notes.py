@@ -19,7 +19,7 @@ from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import different_poses
+from gpmodel.table.blocks import different_poses
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import identifier, split_header
 

@@ -13,7 +13,7 @@ from gpmodel.model.error_model import Poses, measured_minus, observe, turn_error
 from gpmodel.model.states import unused_torques
 from gpmodel.numerics.least_squares import outlier_limit, root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove
-from gpmodel.table.bundles import SAME_JOINT, original, repeat_blocks, replicates
+from gpmodel.table.blocks import SAME_JOINT, original, repeat_blocks, replicates
 from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 

@@ -8,8 +8,8 @@ from scipy import linalg, stats
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.overall_scale import MOST, spread
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import MOST, spread
 from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical_rows
 from gpmodel.checks.notes import Registered, flange, least_misfit, registered
 from gpmodel.checks.readings import Reading, joint_readings

@@ -37,7 +37,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
 from gpmodel.records.unfinished import RunFiles
 from gpmodel.report.fleet import PAGE
-from gpmodel.table.bundles import FOLDS, USUAL
+from gpmodel.table.blocks import FOLDS, USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
 """Number of poses below which cross-validation replaces held-out poses."""

@@ -24,7 +24,7 @@ from gpmodel.selection.offers import Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.sinusoids import grids_of
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Problem:
 
     def residual(self, calibration: Calibration) -> Residual:
         """Return the residual of a calibration at the training poses."""
-        return residual_of(calibration, self.train, self.criteria, JUDGED)
+        return residual_of(calibration, self.train, self.criteria, FOLD_SEED)
 
     def fitted(self, chosen: Selection) -> "FittedSelection":
         """Convert the groups of a selection to candidate effects, and fit all these candidates together."""
@@ -136,7 +136,7 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
     flat priors, unless the user has specified priors.
     """
     group = kept.group
-    plain = len(group.effects) <= PLAIN and not group.believed
+    plain = len(group.effects) <= PLAIN and not group.specified
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
     derived = plain and set(group.inputs).isdisjoint(poses.dataset.extras)
     inner = group.inner or (lag_constants(group.name, effects, poses.states.unit_of_constant) if derived else None)

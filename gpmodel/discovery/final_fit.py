@@ -15,7 +15,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
 from gpmodel.families.outline import PRINTED, Outline, candidate_outline, in_words
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 STEPS = 6
 """Largest number of Gauss-Newton steps for the constants inside formulas."""
@@ -36,7 +36,7 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
         return state.to_all(state.model(found), again)
 
     def left(there: Calibration) -> Residual:
-        return residual_of(there, state.poses, state.criteria, JUDGED, beside)
+        return residual_of(there, state.poses, state.criteria, FOLD_SEED, beside)
 
     beside = _beside_events(state)
 

@@ -22,7 +22,7 @@ from gpmodel.executor import Forks, called, called_beside
 from gpmodel.families.candidate import is_program
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Reporter, silent
-from gpmodel.table.bundles import JUDGED, folds, repeat_blocks
+from gpmodel.table.blocks import FOLD_SEED, folds, repeat_blocks
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 """Type of the whole search with its settings: a function of poses, training rows and held-out rows."""
@@ -45,7 +45,7 @@ def discover_by_folds(
     units = int(repeat_blocks(poses.dataset).max()) + 1
     if not 2 <= count <= units:
         raise InputError(f"{count}, expected 2 to {units}, the number of groups of poses", "folds")
-    fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))
+    fold = folds(poses.dataset, count, np.random.default_rng(FOLD_SEED))
 
     def without(again: Loop, k: int) -> Discovery:
         return again(poses, np.flatnonzero(fold != k), np.flatnonzero(fold == k))

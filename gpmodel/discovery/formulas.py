@@ -29,7 +29,7 @@ from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.selection.group import is_curve
 from gpmodel.selection.programs import as_candidate, without_poles
 from gpmodel.selection.result import Kept
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 PLAIN = 2
 """Largest number of effects of a group that is fitted by least squares without a prior, such as sine and cosine."""
@@ -233,7 +233,7 @@ def doubtful(left: Residual, curve: Candidate) -> Mask:
 
 def taken_as_measured(left: Residual, poses: Mask) -> Residual:
     """Return the residual of the calibration without winsorising the poses of a mask."""
-    return residual_of(left.calibration, left.poses, left.criteria, JUDGED, poses)
+    return residual_of(left.calibration, left.poses, left.criteria, FOLD_SEED, poses)
 
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:

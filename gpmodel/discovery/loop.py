@@ -34,7 +34,7 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics.least_squares import give_back
 from gpmodel.progress import Reporter, Say, silent
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 
 def discover(
@@ -171,7 +171,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     """
     number = len(state.rounds) + 1
     poses = state.poses.subset(state.sample)
-    residual = residual_of(calibration, poses, state.criteria, JUDGED)
+    residual = residual_of(calibration, poses, state.criteria, FOLD_SEED)
     state.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
     exploration = _explored(state, residual, number)
     new = _promising(state, residual, exploration)

@@ -26,7 +26,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.progress import Reporter
-from gpmodel.table.bundles import JUDGED, copies, sharing
+from gpmodel.table.blocks import FOLD_SEED, copies, sharing
 
 
 @dataclass(frozen=True)
@@ -161,11 +161,11 @@ def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
     """
     if 2 * len(rows) <= 3 * size:
         return rows
-    bundle = sharing(poses.subset(rows).dataset)
-    count = int(bundle.max()) + 1
+    pose_id = sharing(poses.subset(rows).dataset)
+    count = int(pose_id.max()) + 1
     stretch = np.arange(count) * size // len(rows)
-    drawn = np.lexsort((np.random.default_rng(JUDGED).random(count), stretch))
-    return rows[np.isin(bundle, drawn[np.unique(stretch, return_index=True)[1]])]
+    drawn = np.lexsort((np.random.default_rng(FOLD_SEED).random(count), stretch))
+    return rows[np.isin(pose_id, drawn[np.unique(stretch, return_index=True)[1]])]
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
@@ -249,15 +249,15 @@ class State:
     def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:
         again = without_outlier_marks(start) if start else None
         limit = self.condition_limit
-        return calibrate(model, self.poses.subset(rows), condition_limit=limit, start=again, seed=JUDGED)
+        return calibrate(model, self.poses.subset(rows), condition_limit=limit, start=again, seed=FOLD_SEED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
         """Fit a model to all poses, starting from a fit, with the condition limit found on the training poses."""
-        return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=JUDGED)
+        return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=FOLD_SEED)
 
     def standard_to_all(self) -> Calibration:
         """Fit the standard model with the known effects to all poses, with the condition limit for all poses."""
-        return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
+        return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=FOLD_SEED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a fitted model to the sequence, with its errors on the training and the held-out poses."""

@@ -33,7 +33,7 @@ class Criteria:
     Selection of groups of effects:
         one_pose_share: largest share of a group's gain from a single pose; with more, the group fits an outlier.
     Poses:
-        fewest_bundles: least number of blocks of poses for a permutation test; fewer blocks have too few orders for a
+        fewest_blocks: least number of blocks of poses for a permutation test; fewer blocks have too few orders for a
             p-value, and then only repeats of a pose are permuted together.
         blocks: number of stretches of rows, and of regions of space, with dependent errors; with ten, each stretch is
             long enough to contain a drift.
@@ -59,7 +59,7 @@ class Criteria:
     largest_between: float = 4.0
     one_pose_share: float = 0.5
     outlier_sigmas: float = 6.0
-    fewest_bundles: int = 20
+    fewest_blocks: int = 20
     blocks: int = 10
     confirmation: float = 0.1
     folds: int = 10

@@ -35,11 +35,11 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
     """
     scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    belief = np.array([residual.sigma / e.prior for e in effects]) / scale
+    prior_weight = np.array([residual.sigma / e.prior for e in effects]) / scale
     left, shares = residual.projected(effects)
     both = np.column_stack([left * (shares > NEGLIGIBLE), residual.values])
     products = both[:, :-1].T @ both
-    products[:, :-1] += np.diag(belief**2)
+    products[:, :-1] += np.diag(prior_weight**2)
     per_pose = np.zeros(len(residual.poses))
     coefficients = []
     for fold in residual.fold_systems:

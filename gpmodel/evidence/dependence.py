@@ -9,7 +9,7 @@ from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import contribution
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.states import States
-from gpmodel.table.bundles import stretches
+from gpmodel.table.blocks import stretches
 from gpmodel.table.units import clock_names
 
 

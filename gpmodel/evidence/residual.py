@@ -9,15 +9,15 @@ import numpy as np
 from gpmodel.arrays import LARGEST, Array, IntArray, Mask
 from gpmodel.calibration.gauge import nonzero_in_one_fold
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.overall_scale import without_positions
 from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import without_positions
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import Omitted, outlier_limit
-from gpmodel.table.bundles import folds, repeat_blocks, replicates, stretches
+from gpmodel.table.blocks import folds, repeat_blocks, replicates, stretches
 from gpmodel.table.dataset import Dataset
 
 
@@ -28,7 +28,7 @@ def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     test, only rows that measure one pose form a block.
     """
     codes = repeat_blocks(dataset)
-    if codes.max(initial=-1) + 1 < criteria.fewest_bundles:
+    if codes.max(initial=-1) + 1 < criteria.fewest_blocks:
         codes = replicates(dataset, whatever=bool(dataset.observations))
     _, first, of_pose = np.unique(codes, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[of_pose.reshape(-1)].astype(np.int64)
@@ -42,9 +42,9 @@ def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     """
     unit = independent_blocks(dataset, criteria)
     count = len(dataset)
-    if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_bundles:
+    if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_blocks:
         return unit
-    return stretches(dataset.row.astype(float), criteria.fewest_bundles)
+    return stretches(dataset.row.astype(float), criteria.fewest_blocks)
 
 
 def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
@@ -164,16 +164,16 @@ class Residual:
         """Return the residual of the calibration's model without some of its effects."""
         given = [e.name for e in effects]
         kept = self.problem.free(~np.isin(self.names, given))
-        believed = np.any(self.system[self.measured :] != 0, axis=0)
-        rows = np.concatenate([np.ones(self.measured, dtype=bool), kept[believed]])
+        with_prior = np.any(self.system[self.measured :] != 0, axis=0)
+        rows = np.concatenate([np.ones(self.measured, dtype=bool), kept[with_prior]])
         model = self.calibration.model
         returned = np.isin([e.name for e in model.effects], given)
         back = self.problem.columns[:, self.problem.placement :][:, returned] @ self.calibration.theta[returned]
         target = self.target.copy()
         target[: self.measured] += back
         system = self.system[np.ix_(rows, kept)]
-        gram = self.gram[np.ix_(kept, kept)] if believed.any() else self.gram
-        span = ident.Span.of(system, believed[kept], gram)
+        gram = self.gram[np.ix_(kept, kept)] if with_prior.any() else self.gram
+        span = ident.Span.of(system, with_prior[kept], gram)
         return replace(
             self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
             names=tuple(n for n in self.names if n not in set(given)), gram=gram,
@@ -243,9 +243,9 @@ def residual_of(
     if trusted is not None:
         shrink[trusted] = 1.0
     system, target, names, sizing = _system(calibration, problem, shrink)
-    believed = np.any(system[len(problem.residual) :] != 0, axis=0)
-    gram = system.T @ system if believed.any() else system[:0, :0]
-    span = ident.Span.of(system, believed, gram)
+    with_prior = np.any(system[len(problem.residual) :] != 0, axis=0)
+    gram = system.T @ system if with_prior.any() else system[:0, :0]
+    span = ident.Span.of(system, with_prior, gram)
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     found = Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
@@ -263,15 +263,15 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.free
     free = problem.free(kept)
-    believed = fit_priors(model, problem, theta, calibration.placement, kept)
-    count = len(believed.rows) if without_positions(problem) else believed.effect_rows
-    belief, pull = believed.rows[:count], believed.rhs[:count]
-    order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
-    system = np.vstack([problem.columns[:, free], belief[order][:, free]])
+    priors = fit_priors(model, problem, theta, calibration.placement, kept)
+    count = len(priors.rows) if without_positions(problem) else priors.effect_rows
+    prior_rows, pull = priors.rows[:count], priors.rhs[:count]
+    order = np.argsort(np.abs(prior_rows).argmax(axis=1), kind="stable")
+    system = np.vstack([problem.columns[:, free], prior_rows[order][:, free]])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
     names = tuple(e.name for e, k in zip(model.effects, kept, strict=True) if k)
-    return system, np.concatenate([shortened, pull[order]]), names, count - believed.effect_rows
+    return system, np.concatenate([shortened, pull[order]]), names, count - priors.effect_rows
 
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:

@@ -70,7 +70,7 @@ class Candidate:
     found_by: origin of the candidate, such as the catalogue or genetic programming.
     explanation: physical cause of the candidate and its source in the literature.
     inner: nonlinear constants inside the candidate's basis functions, or None.
-    believed: whether the prior standard deviations come from a specification, so that larger values are not tried.
+    specified: whether the prior standard deviations come from a specification, so that larger values are not tried.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Candidate:
     found_by: str = CATALOGUE
     explanation: str = ""
     inner: NonlinearParameters | None = None
-    believed: bool = False
+    specified: bool = False
 
     def __post_init__(self) -> None:
         if not self.effects or not made_of(self.effects, Effect):

@@ -55,13 +55,13 @@ which a step could explain."""
 class _Sizes:
     """Prior standard deviations of the errors of an instrument: a length, m, an angle, rad, and a scale.
 
-    believed: whether the standard deviations come from the specification of the instrument.
+    specified: whether the standard deviations come from the specification of the instrument.
     """
 
     length: float = LENGTH
     angle: float = ANGLE
     scale: float = SCALE
-    believed: bool = False
+    specified: bool = False
 
 
 def _sizes(seen: Seen) -> _Sizes:
@@ -89,10 +89,10 @@ def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Call
     def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         for candidate in build(mechanism, states):
             name, cost = candidate.name, candidate.cost + OUT_OF_ORDER
-            if candidate.believed:
+            if candidate.specified:
                 yield candidate
                 name = f"{name}, beyond its specification"
-            yield replace(candidate, name=name, cost=cost, believed=False)
+            yield replace(candidate, name=name, cost=cost, specified=False)
 
     return offered
 
@@ -123,7 +123,7 @@ def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate
             ("range scale of the instrument", R, "1", size.scale, 4.5),
         ):
             effect = _shift(name, factor, unit, family, prior)
-            yield Candidate(name, (effect,), family, cost, believed=size.believed)
+            yield Candidate(name, (effect,), family, cost, specified=size.specified)
 
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -133,17 +133,17 @@ def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candida
         for n, name in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
             shapes = ((f, f"{f}({n}*{A})") for f in ("sin", "cos"))
             effects = tuple(_by_azimuth(f"{name}, {f}", shape, family, size.angle) for f, shape in shapes)
-            yield Candidate(name, effects, family, 4.0, believed=size.believed)
+            yield Candidate(name, effects, family, 4.0, specified=size.specified)
 
 
 def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the index error and the eccentricity of the vertical angle of the instrument, rad."""
     if seen := _polar(states):
         family, size, name = "instrument_elevation", _sizes(seen), "elevation index of the instrument"
-        yield Candidate(name, (_by_elevation(name, "1", family, size.angle),), family, 4.0, believed=size.believed)
+        yield Candidate(name, (_by_elevation(name, "1", family, size.angle),), family, 4.0, specified=size.specified)
         name = "eccentricity of the instrument's elevation"
         effects = tuple(_by_elevation(f"{name}, {f}", f"{f}({E})", family, size.angle) for f in ("sin", "cos"))
-        yield Candidate(name, effects, family, 4.5, believed=size.believed)
+        yield Candidate(name, effects, family, 4.5, specified=size.specified)
 
 
 def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -155,7 +155,7 @@ def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]
             ("collimation of the instrument", f"reciprocal(cos({E}))"),
         ):
             effect = _by_azimuth(name, shape, family, size.angle)
-            yield Candidate(name, (effect,), family, 4.5, believed=size.believed)
+            yield Candidate(name, (effect,), family, 4.5, specified=size.specified)
 
 
 def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -172,7 +172,7 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
     for power in powers:
         shape = "*".join(f"{text}**{k}" if k > 1 else text for text, k in zip(scaled, power, strict=True) if k)
         effects += _shifts(name, power, shape, size.length / 2)
-    yield Candidate(name, tuple(effects), "instrument_field", 5.0, believed=size.believed)
+    yield Candidate(name, tuple(effects), "instrument_field", 5.0, specified=size.specified)
     if len(states) >= FINE_POSES:
         yield _waves(scaled, size)
 
@@ -189,7 +189,7 @@ def _waves(scaled: list[str], size: _Sizes) -> Candidate:
             continue
         shape = "*".join(f"cos({0.5 * np.pi * k:.6f}*({u} + 1))" for u, k in zip(scaled, orders, strict=True) if k)
         effects += _shifts(name, orders, shape, size.length / (1.0 + sum(k * k for k in orders)))
-    return Candidate(name, tuple(effects), "instrument_field", 6.0, believed=size.believed)
+    return Candidate(name, tuple(effects), "instrument_field", 6.0, specified=size.specified)
 
 
 def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Iterator[Effect]:

@@ -128,14 +128,14 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
 
 
 def further_distance(
-    fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
+    fit: Calibration, effects: tuple[Effect, ...], learned: tuple[Effect, ...], machines: int
 ) -> tuple[float, float]:
     """Return the distance of a machine fitted alone from the prior of its type, and its p-value.
 
-    believed: effects with the prior learned from `machines` machines.
+    learned: effects with the prior learned from `machines` machines.
     """
     own, mean, deviation = (
-        np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
+        np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (learned, "mean"), (learned, "prior"))
     )
     centre = (mean - np.array([e.mean for e in effects])) / own
     return distance(block_information([fit], effects), 0, centre, np.diag((deviation / own) ** 2), machines)

@@ -29,7 +29,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Reporter
 from gpmodel.records.unfinished import Unfinished
 from gpmodel.selection.group import Group, Shapes, group_of
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 from gpmodel.wording import listed
 
 Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
@@ -236,7 +236,7 @@ class MachineSearch:
 
     def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
         """Return the residual of the training poses after a calibration with the geometry and the effects `shared`."""
-        return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, JUDGED)
+        return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, FOLD_SEED)
 
 
 @dataclass(frozen=True)

@@ -65,11 +65,11 @@ def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
     """
     problem, noise = problem_at(fit, poses), fit.model.noise or fit.sigma
     prior = np.array([e.prior for e in fit.model.effects])
-    believed = np.isfinite(prior)
+    with_prior = np.isfinite(prior)
     columns, count = problem.columns[:, problem.placement :], len(problem.residual)
-    free = np.hstack([problem.columns[:, : problem.placement], columns[:, ~believed]])
+    free = np.hstack([problem.columns[:, : problem.placement], columns[:, ~with_prior]])
     fixed = ident.orthonormal(free)
-    shown = ident.remove(fixed, columns[:, believed]) * (prior[believed] / noise)
+    shown = ident.remove(fixed, columns[:, with_prior]) * (prior[with_prior] / noise)
     left = ident.remove(fixed, problem.residual + columns @ off_mean(fit.model, fit.theta)) / noise
     basis, sizes, _ = np.linalg.svd(shown, full_matrices=False)
     seen = sizes > 1e-9 * sizes.max(initial=0.0)
@@ -191,9 +191,9 @@ def from_the_type(
     type, the fit to all poses is repeated with the larger noise.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
-    believed = replace(machine.final.model, noise=fleet.noise)
+    learned = replace(machine.final.model, noise=fleet.noise)
     found = loop(
-        poses, train, heldout, standard=believed.effects, noise=believed.noise, condition_limit=LARGEST_LIMIT
+        poses, train, heldout, standard=learned.effects, noise=learned.noise, condition_limit=LARGEST_LIMIT
     )  # fmt: skip
     held = np.isin(poses.dataset.row[heldout], found.poses.dataset.row[found.heldout])
     own = (replace(step, name=ALONE, heldout_error=step.heldout_error[held]) for step in machine.steps[1:-1])
@@ -258,10 +258,10 @@ def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Po
     ]
     if fleet.blocks:
         fit = calibrate(replace(alone.model, noise=noise), poses, condition_limit=LARGEST_LIMIT)
-        believed = {effect.name: effect for effect in prior.effects}
+        learned = {effect.name: effect for effect in prior.effects}
         for part, count in zip(fleet.blocks, others[len(fleet.effects) :], strict=True):
             own = tuple(p.effect for p in part.effects)
-            chances.append(further_distance(fit, own, tuple(believed[e.name] for e in own), count)[1])
+            chances.append(further_distance(fit, own, tuple(learned[e.name] for e in own), count)[1])
     return tuple(part.name for part, p in zip(parts, holm(np.array(chances)), strict=True) if p < SIGNIFICANCE)
 
 

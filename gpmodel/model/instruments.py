@@ -16,7 +16,7 @@ from gpmodel.model.pixel import FEWEST_CORNERS, Pixels
 from gpmodel.model.surfaces import SURFACES
 from gpmodel.model.touches import Artefact, Feature, Touches
 from gpmodel.numerics import se3
-from gpmodel.table.bundles import numbered
+from gpmodel.table.blocks import numbered
 from gpmodel.table.dataset import Dataset
 
 KNOWN = "surfaces"

@@ -19,7 +19,7 @@ import numpy as np
 
 from gpmodel.arrays import ROUNDING, Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.table.bundles import SAME_JOINT
+from gpmodel.table.blocks import SAME_JOINT
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import TEMPERATURES, is_time
 

@@ -54,20 +54,20 @@ class Span:
     factor: tuple[Array, bool] | None = None
 
     @classmethod
-    def of(cls, columns: Array, believed: Mask, gram: Array) -> "Span":
+    def of(cls, columns: Array, with_prior: Mask, gram: Array) -> "Span":
         """Build the span of unit columns.
 
         The rank of the columns without priors is decided by SVD; columns with priors are all kept and factored by
         Cholesky.
-        believed: True for columns with a prior, which is a further row of the column.
+        with_prior: True for columns with a prior, which is a further row of the column.
         gram: products of all columns, needed if a column has a prior.
         """
-        plain = orthonormal(columns[:, ~believed])
-        if not believed.any():
+        plain = orthonormal(columns[:, ~with_prior])
+        if not with_prior.any():
             return cls(plain)
-        inside = plain.T @ columns[:, believed]
-        factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
-        rest = columns[:, believed]
+        inside = plain.T @ columns[:, with_prior]
+        factor = factored(gram[np.ix_(with_prior, with_prior)] - inside.T @ inside)
+        rest = columns[:, with_prior]
         rest -= plain @ inside
         return cls(plain, rest, factor)
 

@@ -8,9 +8,9 @@ import numpy as np
 from gpmodel.application.further import further_poses, heldout_errors, predicted_errors
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.alternatives import closest_alternatives
 from gpmodel.calibration.comparison import HeldOutFit, Step
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.calibration.rivals import closest_alternatives
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.calibration.unobservable import region_sentences, unobservable_sentences
 from gpmodel.families.catalogue import family

@@ -37,7 +37,7 @@ from gpmodel.report.schema_search import (
     ShapeRecord,
     TestRecord,
 )
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 
 def in_the_table(counted: Histogram, names: Mapping[str, str]) -> Histogram:
@@ -84,7 +84,7 @@ def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
     if not any(able):
         return [()] * len(found)
-    residual = residual_of(discovery.found, discovery.poses, Criteria(), JUDGED)
+    residual = residual_of(discovery.found, discovery.poses, Criteria(), FOLD_SEED)
     return [_front(discovery, one, residual) if can else () for one, can in zip(found, able, strict=True)]
 
 

@@ -25,7 +25,7 @@ from gpmodel.model.states import States
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_search import InstrumentRecord, Positioning, Range, Repeatability
-from gpmodel.table.bundles import different_poses, noise_floor, replicates
+from gpmodel.table.blocks import different_poses, noise_floor, replicates
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import read_toml
 

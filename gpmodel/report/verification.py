@@ -25,7 +25,7 @@ from gpmodel.report.origin import mechanism_record, repeatability, versions
 from gpmodel.report.saved import LARGEST_FILE
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_search import ReadingRecord, Repeatability
-from gpmodel.table.bundles import different_poses
+from gpmodel.table.blocks import different_poses
 from gpmodel.texts import parse_json, read_limited
 
 NAME, KIND = "verify.json", "verify"

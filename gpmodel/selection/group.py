@@ -101,7 +101,7 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
     relative = np.array([e.prior if np.isfinite(e.prior) else 1.0 / s for e, s in alive])
     total = math.sqrt(sum((r * s) ** 2 for r, (_, s) in zip(relative, alive, strict=True)))
     effects, spreads = tuple(e for e, _ in alive), tuple(float(r / total) for r in relative)
-    cap = min(CAP, effects[0].prior / spreads[0]) if candidate.believed else CAP
+    cap = min(CAP, effects[0].prior / spreads[0]) if candidate.specified else CAP
     whole = {**vars(candidate), "effects": effects, "family": candidate.family or effects[0].family}
     whole["inner"] = candidate.inner if len(effects) == len(candidate.effects) else None
     return Group(**whole, spreads=spreads, where=f"{effects[0].terms[0].slot} {effects[0].terms[0].axis}", cap=cap)

@@ -21,7 +21,7 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.relinearise import Expansion, Screening
 from gpmodel.selection.scan import Scan
 from gpmodel.selection.sinusoids import sinusoid_null
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Selection:
     @cached_property
     def permutation_null(self) -> Array:
         """Largest gain of any group of effects minus its description penalty, nats, on each permuted residual."""
-        screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
+        screening, rng = self.offered.screening, np.random.default_rng(FOLD_SEED)
         together = exchangeable_blocks(self.state.fitting.poses.dataset, screening.prices.limits)
         return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
@@ -128,14 +128,14 @@ MOST_NUMBERS = 1_000_000
 
 
 def gain_null(
-    active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
+    active: Active, grids: Sequence[FrequencyGrid], block: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
     """Compute the largest gain minus description penalty, nats, of any group or sinusoid on each permuted residual.
 
-    Every group of effects is scored as an addition to the model `active`. bundle: number of the exchangeable block of
+    Every group of effects is scored as an addition to the model `active`. block: number of the exchangeable block of
     each pose. count: number of permuted residuals.
     """
-    pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
+    pool, trials = active.pool, active.pool.rows.clean(permuted(active, block, rng, count))
     every_rhs = pool.atoms.cross(trials)
     products, found = Scan(active), sinusoid_null(active, grids, trials)
     rights = active.inverse @ (active.scale[:, None] * every_rhs[active.index])
@@ -164,25 +164,25 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
     return found
 
 
-def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
+def permuted(active: Active, block: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Return the model's prediction plus residuals permuted over exchangeable blocks, whitened, by permutation.
 
     Permuted residuals are rescaled to the noise σ, because the fit removed degrees of freedom and removes them again
     from each permuted residual. The columns of a body that one block alone measures, such as a bar, are removed only
-    once: the residual of another block has no part along these columns. bundle: block number of each pose.
+    once: the residual of another block has no part along these columns. block: block number of each pose.
     """
     rows, left = active.pool.rows, active.left
-    codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
+    codes = np.unique(block, return_inverse=True)[1].reshape(-1)
     turned = permuted_blocks(rows.problem, left, codes, rng, count)
     energy, size = max(active.energy, np.finfo(float).tiny), float(len(left))
-    own = _of_one_bundle(rows, codes)
+    own = _of_one_block(rows, codes)
     if own.shape[1]:
         taken = float(np.mean(np.sum((own.T @ turned) ** 2, axis=0)))
         size = (size - own.shape[1]) / max(1.0 - taken / energy, 1.0 / size)
     return (rows.target - left)[:, None] + turned * float(np.sqrt(active.sigma2 * size / energy))
 
 
-def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
+def _of_one_block(rows: Rows, codes: IntArray) -> Array:
     """Return a basis of the registration columns that one block of poses alone determines. codes: block of a pose."""
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = nonzero_in_one_fold(placed, codes[rows.pose_of_row])

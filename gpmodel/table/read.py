@@ -13,7 +13,7 @@ from gpmodel.characters import UNBROKEN, steers
 from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
-from gpmodel.table.bundles import check_repeats
+from gpmodel.table.blocks import check_repeats
 from gpmodel.table.cells import clock_seconds, numbers
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, one_spelling, split_header

@@ -16,7 +16,7 @@ from gpmodel.evidence.residual import residual_of
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 from gpmodel.table.dataset import Dataset
 
 WEAK = {
@@ -50,7 +50,7 @@ def judged(name: str, table: Dataset) -> tuple[OtherLoads | None, Poses]:
     arm, poses = checked_poses(gp.load_mechanism(name), table)
     assert isinstance(arm, LoadedMechanism)
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
-    return other_loads(residual_of(fit, poses, Criteria(), JUDGED), arm), poses
+    return other_loads(residual_of(fit, poses, Criteria(), FOLD_SEED), arm), poses
 
 
 @pytest.mark.parametrize("declared", ["", pytest.param("1|1", marks=pytest.mark.long), "0|1|2"])

@@ -33,7 +33,7 @@ from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States, seen_columns
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import JUDGED
+from gpmodel.table.blocks import FOLD_SEED
 from gpmodel.table.dataset import Dataset, unmeasured
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
@@ -312,7 +312,7 @@ def doubted() -> tuple[Calibration, Calibration, Poses, CauseSet]:
         return fit
 
     fit, instead = with_(FOUND), with_(RIVAL)
-    residual = residual_of(fit, truth.poses, Criteria(), JUDGED)
+    residual = residual_of(fit, truth.poses, Criteria(), FOLD_SEED)
     place = causes_of(residual, pool[FOUND], [pool[RIVAL]])
     (other,) = (cause for cause in place.others if cause.effects == pool[RIVAL].effects)
     return fit, instead, truth.poses, replace(place, others=(replace(other, probability=0.3),))

@@ -18,7 +18,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import sharing
+from gpmodel.table.blocks import sharing
 
 SEEN = {"position": ("position",), "pose": ("position", "rotation"), "distance": ("distance",)}
 

@@ -13,8 +13,8 @@ from experiments.touches.run import EFFECTS, judged
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration import gauge
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.overall_scale import MOST, spread
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import MOST, spread
 from gpmodel.calibration.undeclared import SinusoidProducts, Undeclared, apart_from_effects
 from gpmodel.calibration.unobservable import errors_by_region, region_sentences
 from gpmodel.model.error_model import ErrorModel, Poses, prepare

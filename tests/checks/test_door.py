@@ -22,7 +22,7 @@ from gpmodel.mechanism.source import load_mechanism
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.simulate import simulate
-from gpmodel.table.bundles import _same_joints
+from gpmodel.table.blocks import _same_joints
 from gpmodel.table.cells import read_frame
 from gpmodel.table.read import dataset_from
 from robots.urdf import read_urdf

@@ -11,7 +11,7 @@ from loop_cases import QUICK
 
 from gpmodel.discovery.loop import discover
 from gpmodel.model.error_model import prepare
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 
 @pytest.mark.long

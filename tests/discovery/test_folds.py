@@ -21,7 +21,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.observation import observations
 from gpmodel.report.build import OWN_UNIT
-from gpmodel.table.bundles import JUDGED, folds
+from gpmodel.table.blocks import FOLD_SEED, folds
 
 ALONE = Search(runs=0, workers=1)
 
@@ -38,11 +38,11 @@ def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(of_folds: Discove
     poses = found.poses
     assert len(found.train) == len(found.heldout) == len(poses)
     assert [f.candidate.inputs for f in found.findings] == [("J4",)]
-    fold = folds(poses.dataset, found.folds, np.random.default_rng(JUDGED))
+    fold = folds(poses.dataset, found.folds, np.random.default_rng(FOLD_SEED))
     standard = found.steps[1]
     for k in range(found.folds):
         seen, held = poses.subset(np.flatnonzero(fold != k)), np.flatnonzero(fold == k)
-        own = calibrate(ErrorModel(found.mechanism, standard.calibration.model.effects), seen, seed=JUDGED)
+        own = calibrate(ErrorModel(found.mechanism, standard.calibration.model.effects), seen, seed=FOLD_SEED)
         np.testing.assert_allclose(standard.heldout_error[held], errors_on(own, poses.subset(held)), rtol=1e-6)
     last = found.steps[-1].heldout_error
     assert np.isfinite(last).all()

@@ -32,7 +32,7 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Progress
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 NONE = Search(max_effects=0)
 PROGRAM = Search(strategies=(Linear(), Tree()), runs=4, workers=2)

@@ -12,7 +12,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.layout import read_sheets
 from gpmodel.table.read import dataset_from

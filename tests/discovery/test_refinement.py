@@ -20,7 +20,7 @@ from gpmodel.families.inner import NonlinearParameters
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 from gpmodel.table.dataset import Dataset
 
 ARM = mechanism("irb6400r")

@@ -120,7 +120,7 @@ def test_few_groups_are_no_units_and_their_repeats_still_are() -> None:
     many = replace(data, labels={"group": np.array([f"g{i // 1}" for i in range(30)])})
     assert independent_blocks(few, Criteria()).tolist() == list(range(30))
     assert independent_blocks(many, Criteria()).tolist() == list(range(30))
-    assert set(independent_blocks(few, Criteria(fewest_bundles=3))) == {0, 1, 2}
+    assert set(independent_blocks(few, Criteria(fewest_blocks=3))) == {0, 1, 2}
 
 
 def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_before_the_search() -> None:
@@ -142,7 +142,7 @@ def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_bef
 def test_chance_keeps_stretches_of_rows_together_where_they_are_in_order() -> None:
     data = bare("ur5", 60, 2, in_order=True)
     stretches = exchangeable_blocks(data, Criteria())
-    assert np.bincount(stretches).tolist() == [3] * Criteria().fewest_bundles
+    assert np.bincount(stretches).tolist() == [3] * Criteria().fewest_blocks
     assert np.all(np.diff(stretches[np.argsort(data.row)]) >= 0)
     apart = exchangeable_blocks(replace(data, in_order=False), Criteria())
     assert len(np.unique(apart)) == len(np.unique(independent_blocks(data, Criteria())))

@@ -24,7 +24,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.numerics.rank import orthonormal
-from gpmodel.table.bundles import folds
+from gpmodel.table.blocks import folds
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from gpmodel.evidence.dependence import order_matters
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
-from gpmodel.table.bundles import stretches
+from gpmodel.table.blocks import stretches
 
 
 def test_stretches_are_neighbours_of_nearly_equal_number() -> None:

@@ -146,7 +146,7 @@ def test_every_error_alone_reaches_the_specification_at_the_distances_of_the_tab
     poses = specified()
     limit = Specification(15e-6, 6e-6).at(poses.dataset.position)
     for name, candidate in instances_now(poses).items():
-        if candidate.believed:
+        if candidate.specified:
             moved = np.zeros(3)
             for effect in candidate.effects:
                 twist = effect.prior * effect.twist(poses.states, INSTRUMENT)
@@ -157,9 +157,9 @@ def test_every_error_alone_reaches_the_specification_at_the_distances_of_the_tab
 
 def test_what_is_beyond_the_specification_is_offered_at_a_price_and_only_where_there_is_one() -> None:
     offered = instances_now(specified())
-    assert instances_now(table()).keys() == {name for name, c in offered.items() if c.believed}
+    assert instances_now(table()).keys() == {name for name, c in offered.items() if c.specified}
     for name, candidate in offered.items():
-        if candidate.believed:
+        if candidate.specified:
             beyond = offered[f"{name}, beyond its specification"]
             assert beyond.effects == candidate.effects
             assert beyond.cost == candidate.cost + OUT_OF_ORDER
@@ -171,7 +171,7 @@ def test_a_group_within_the_specification_goes_no_further() -> None:
     for candidate in instances_now(poses).values():
         group = group_of(candidate, shapes)
         assert group is not None
-        if candidate.believed:
+        if candidate.specified:
             told = [e.prior for e in group.with_prior(group.cap**2)]
             assert told == pytest.approx([e.prior for e in group.effects])
         else:

@@ -20,7 +20,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 SEED = 1
 QUICK = ("pitch axis Ty sin J1",)

@@ -17,7 +17,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.relinearise import inliers
 from gpmodel.selection.select import select
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 
 @pytest.mark.long

@@ -16,9 +16,9 @@ from experiments.twelve_balls.simulator import BALLS, Fault, Rotation, table, ta
 from gpmodel.api.calibrate import measured_joints
 from gpmodel.application.further import further_poses
 from gpmodel.application.model_file import saved_model
+from gpmodel.calibration.alternatives import POOL, _anywhere
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.calibration.rivals import POOL, _anywhere
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.mechanism.branches import random_poses

@@ -19,7 +19,7 @@ from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.model.observation import OfTip, Own, Tips
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.bundles import hold_out
+from gpmodel.table.blocks import hold_out
 
 ARM = "irb6400r"
 

@@ -26,7 +26,7 @@ from gpmodel.mechanism.branches import assembled, moves_with, random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
-from gpmodel.table.bundles import copies
+from gpmodel.table.blocks import copies
 from gpmodel.table.dataset import unmeasured
 from robots.urdf import read_urdf
 

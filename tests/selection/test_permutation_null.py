@@ -7,7 +7,7 @@ from group_cases import bars, problem
 from gpmodel.evolution.variances import best
 from gpmodel.selection.result import permuted, running_maximum
 from gpmodel.selection.sparse_bayes import reestimate
-from gpmodel.table.bundles import repeat_blocks
+from gpmodel.table.blocks import repeat_blocks
 
 
 def test_permuted_residuals_are_as_large_as_the_noise() -> None:

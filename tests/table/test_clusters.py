@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.table.bundles import hold_out, repeat_blocks, replicates, sharing
+from gpmodel.table.blocks import hold_out, repeat_blocks, replicates, sharing
 from gpmodel.table.dataset import COVERAGE, Dataset, Specification, specification
 from gpmodel.table.units import convert, factor, known_unit, parse_quantity, split_header
 from gpmodel.wording import measured

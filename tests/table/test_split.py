@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import gpmodel as gp
 from gpmodel.errors import InputError
-from gpmodel.table.bundles import check_repeats, folds, hold_out, noise_floor, repeat_blocks, replicates
+from gpmodel.table.blocks import check_repeats, folds, hold_out, noise_floor, repeat_blocks, replicates
 from gpmodel.table.dataset import Dataset, unmeasured
 
 DATA = bare("ur5", 40)

@@ -26,7 +26,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_min
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import roll_pitch_yaw
-from gpmodel.table.bundles import FOLDS, JUDGED, folds, repeat_blocks
+from gpmodel.table.blocks import FOLD_SEED, FOLDS, folds, repeat_blocks
 from gpmodel.wording import length
 
 
@@ -82,7 +82,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
     parts = [saved.measured.heldout]
     if not len(saved.measured.heldout):
         count = min(FOLDS, int(repeat_blocks(poses.dataset).max()) + 1)
-        fold = folds(poses.dataset, count, np.random.default_rng(JUDGED)) if count > 1 else np.zeros(0)
+        fold = folds(poses.dataset, count, np.random.default_rng(FOLD_SEED)) if count > 1 else np.zeros(0)
         parts = [np.flatnonzero(fold == k) for k in range(count)]
     errors = [np.zeros(0)]
     for rows in parts:

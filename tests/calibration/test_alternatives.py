@@ -8,10 +8,7 @@ from spherical_cases import JOINT, OFFSETS
 
 import gpmodel as gp
 from experiments.spherical_joint.rig import Rig
-from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import effect_columns
-from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.rivals import (
+from gpmodel.calibration.alternatives import (
     PLAUSIBLE,
     ROW,
     TOLD_APART,
@@ -19,6 +16,9 @@ from gpmodel.calibration.rivals import (
     alternatives_of_constants,
     closest_alternatives,
 )
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import LISTED
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate

@@ -1,4 +1,4 @@
-"""Blocks of dependent rows ("bundles"): repeats of a pose, clusters of poses, and labelled groups."""
+"""Blocks of dependent rows: repeats of a pose, clusters of poses, and labelled groups."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ SAMPLE = 50
 
 
 def repeat_blocks(dataset: Dataset) -> IntArray:
-    """Return the number of the block ("bundle") of each row, from 0.
+    """Return the number of the block of each row, from 0.
 
     No division into folds or held-out poses separates a block. Rows with equal `group` or `repeat` labels form a block.
     A `group` label of all rows is ignored, such as the only training session if another session is held out. Rows that
@@ -259,7 +259,7 @@ FOLDS = 5
 """Number of folds of a cross-validation that repeats a whole fit or search. Each fit uses 80 % of the poses (Hastie et
 al. 2009, 7.10)."""
 
-JUDGED = 0
+FOLD_SEED = 0
 """Random seed of every split, fold and permutation that tests a search. Held-out poses therefore do not depend on the
 user's seed of the search (experiments/seeds)."""
 
@@ -299,9 +299,9 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
     """Return the cross-validation fold of each row; blocks of rows are not split, folds have nearly equal size."""
     of_pose = repeat_blocks(dataset)
     n = int(of_pose.max()) + 1
-    fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
-    fold_of_bundle[rng.permutation(n)] = np.arange(n) % min(count, n)
-    return fold_of_bundle[of_pose]
+    fold_of_block: NDArray[np.int64] = np.empty(n, dtype=np.int64)
+    fold_of_block[rng.permutation(n)] = np.arange(n) % min(count, n)
+    return fold_of_block[of_pose]
 
 
 def stretches(row: Array, count: int) -> IntArray:
