@@ -1,5 +1,5 @@
 """Builds the wheel, in which `robots` and `joints` are called `gpmodel_robots` and `gpmodel_joints`: other people have
-packages of those names. A checkout and an editable installation have them as they lie in the repository."""
+packages of those names. A checkout and an editable installation keep the names `robots` and `joints`."""
 
 import re
 import shutil
@@ -15,15 +15,15 @@ ENTRY_POINT = re.compile(rf"(= )({'|'.join(INSTALLED)})(?=[.:])")
 
 
 def renamed(pattern: re.Pattern[str], text: str) -> str:
-    """The text with the packages called as they are installed."""
+    """Replace the names of the packages `robots` and `joints` in a text by their installed names."""
     return pattern.sub(lambda found: found[1] + INSTALLED[found[2]], text)
 
 
 class BuildPy(build_py):
-    """Build the packages, and call two of them as they are installed."""
+    """Build the packages, of which `robots` and `joints` get their installed names."""
 
     def run(self) -> None:
-        """As setuptools does it, then folders and imports renamed."""
+        """Build as setuptools does, then rename folders and imports."""
         super().run()
         if self.editable_mode:
             return
@@ -36,17 +36,17 @@ class BuildPy(build_py):
 
 
 class BdistWheel(bdist_wheel):
-    """Write the wheel, with entry points that lead to the packages as they are installed."""
+    """Write the wheel, with entry points that refer to the installed names of the packages."""
 
     built = False
 
     def run(self) -> None:
-        """Not called for an editable installation, whose entry points stay."""
+        """Run the build of a wheel (not called for an editable installation, whose entry points stay)."""
         self.built = True
         super().run()
 
     def write_wheelfile(self, wheelfile_base: str, *arguments: str, **named: str) -> None:
-        """As setuptools does it, after the entry points beside it were renamed."""
+        """Write the wheel's metadata as setuptools does, after the entry points are renamed."""
         if self.built:
             for name in ("entry_points.txt", "top_level.txt"):
                 file = Path(wheelfile_base) / name

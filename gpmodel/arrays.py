@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]
 NotNegative = Annotated[float, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=0)]
 ROUNDING = 1e-9
-"""Upper bound of rounding errors in double precision: m, rad, N·m or a share, for machines of metres."""
+"""Upper bound of rounding errors in double precision, in m, rad or N·m, for machines of metres."""
 LARGEST = 1e100
-"""Largest accepted value; the square of a larger value could overflow a double."""
+"""Largest accepted number; the square of a larger number could overflow double precision."""
 Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]

@@ -16,7 +16,7 @@ UNBROKEN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
 _FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
 """Characters forbidden in generated source: quotes, backslashes, line ends, signs that begin or end a comment."""
 PLAIN = "gpmodel.plain"
-"""Name of an error handler for codecs: replaces a character that an encoding lacks by its ASCII form."""
+"""Name of an error handler that replaces a character that an encoding lacks by its ASCII form."""
 _PLAIN = str.maketrans(
     {
         "−": "-", "–": "-", "—": "-", "─": "-", "→": "->", "←": "<-", "≤": "<=", "≥": ">=", "≈": "~",

@@ -1,18 +1,18 @@
-"""Exceptions that a user can see."""
+"""Exceptions that a user of gpmodel can see."""
 
 import difflib
 import re
 from collections.abc import Iterable
 
 LONGEST = 1000
-"""Largest number of characters of a message; a longer message is cut in the middle."""
+"""Largest number of characters of an error message; a longer message is cut in the middle."""
 QUOTED = 60
-"""Largest number of characters of a quoted text; a longer text is cut."""
+"""Largest number of characters of a quoted text in an error message; a longer text is cut."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
 """Pattern of a quoted text longer than QUOTED. The pattern skips the text between two short quoted texts."""
 
 LISTED, NEAREST = 6, 3
-"""Largest number of names that a message lists in full, and number of similar names listed otherwise."""
+"""Largest number of names that an error message lists in full, and number of similar names listed otherwise."""
 
 
 def choices(name: object, known: Iterable[object]) -> str:

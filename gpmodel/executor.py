@@ -33,7 +33,7 @@ AHEAD = 2
 """Number of tasks queued per worker. Two keep every worker busy and memory independent of the number of tasks."""
 
 ATTEMPTS = 3
-"""Consecutive lost processes after which the task is assumed to kill them; dask calls this `allowed-failures`."""
+"""Number of lost processes in sequence after which a task is assumed to kill them (`allowed-failures` of dask)."""
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
@@ -45,7 +45,7 @@ copyreg.pickle(MappingProxyType, lambda columns: (read_only, (dict(columns),)))
 
 
 class Workers(Protocol):
-    """Function that runs tasks in parallel."""
+    """Type of a function that runs tasks in parallel."""
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
         """Yield the number and result of each task as the task finishes; unstarted tasks are cancelled if the caller
@@ -78,7 +78,7 @@ class Threads:
 
 
 def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found]:
-    """Return the results of function calls that workers made in parallel, in the order of the calls."""
+    """Run function calls in parallel on workers; return the results in the order of the calls."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
 
@@ -219,24 +219,24 @@ def _copies() -> bool:
 
 
 ALONE = Forks(1)
-"""Workers that run one task after another."""
+"""Workers that run one task after another in this process."""
 
 
 def called_beside(
     workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """Run `call` in this process and `calls` in copies at the same time; return all results."""
+    """Run `call` in this process and `calls` in forked copies at the same time; return all results."""
     made: list[Beside] = []
     found = dict(workers.beside(lambda: made.append(call()), calls))
     return made[0], [found[number] for number in range(len(calls))]
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
-"""In a forked copy: the function and the tasks that the copy was made for."""
+"""The function and the tasks for which a forked copy was made."""
 
 
 def _as_copy(ends: tuple[Connection, Connection], function: Callable[..., object], tasks: Sequence[object]) -> None:
-    """Initialise a copy. The copy exits when its parent process ends or closes its end of the pipe."""
+    """Initialise a forked copy, which exits when its parent process ends or closes its end of the pipe."""
     reader, writer = ends
     writer.close()
     _inherited.append((function, tasks))

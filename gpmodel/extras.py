@@ -18,7 +18,7 @@ EXTRAS = {
 
 @contextmanager
 def extra_for(what: str, extra: str = "") -> Iterator[None]:
-    """Context for imports that `what` needs; for a missing module the error names the extra that installs the module.
+    """Context for imports of optional packages; for a missing one the error names the extra that installs it.
 
     extra: name of the extra; empty for the first extra with the missing module.
     Raises InputError for a module of an extra, ImportError for any other module.

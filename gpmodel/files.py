@@ -29,7 +29,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def folder_for(out: Path) -> Path:
-    """Return `out`. Raises InputError before any computation if `out` or a parent is a file or a broken link."""
+    """Check the output folder `out` before any computation; InputError if it or a parent is a file or a broken link."""
     first = next((path for path in (out, *out.parents) if path.exists() or path.is_symlink()), Path())
     if not first.is_dir():
         what = "a file" if first.exists() else "a link to nothing"
@@ -41,8 +41,8 @@ def folder_for(out: Path) -> Path:
 def locked_folder(folder: Path) -> Iterator[None]:
     """Create `folder` and lock it. The operating system releases the lock when the process ends, also after a crash.
 
-    An empty folder is removed again afterwards. Raises InputError if another process holds the lock, WriteError if the
-    folder cannot be created.
+    The folder is removed afterwards if it is empty. Raises InputError if another process holds the lock, WriteError if
+    the folder cannot be created.
     """
     from filelock import FileLock, Timeout
 
@@ -186,7 +186,7 @@ def plain(value: object) -> object:
 
 
 def _laid_out(value: object, line: str) -> Iterator[str]:
-    """Yield the parts of JSON text with one entry a line. line: line break and indentation of the enclosing level."""
+    """Yield the parts of JSON text, one entry per line. line: line break and indentation of the enclosing level."""
     inner = f"{line} "
     match value:
         case dict() if value:

@@ -7,16 +7,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 WIDTH, NAME = 80, 24
-"""Characters of a line on a terminal, and of a name in a table on the terminal."""
+"""Number of characters of a line on a terminal, and of a name in a table on the terminal."""
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""Factor and unit in which a list of numbers shows lengths and angles."""
+"""Conversion factor and unit in which a list of numbers shows lengths and angles."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"
 _TOGETHER = re.compile(r"(?<=\d) (?=%)|(?<=±) | (?=±)")
-"""Spaces at which a line must not be broken."""
+"""Spaces, as between number and unit, at which a line must not be broken."""
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
@@ -34,7 +34,7 @@ def wrapped(text: str, indent: int = 4, first: str | None = None) -> str:
 
 
 def titled(blocks: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """Write blocks of lines, each below its title; skip a block without lines."""
+    """Write blocks of text lines, each below its title; skip a block without lines."""
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
 
 
@@ -136,7 +136,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def turned(mrad: float, lever: float) -> str:
-    """Return text on the displacement of a point by a rotation, at a distance `lever`, m, from the flange.
+    """Describe the displacement of a point by a rotation, at a distance `lever`, m, from the flange.
 
     mrad: the rotation. The text is empty for a lever below 0.5 mm.
     """

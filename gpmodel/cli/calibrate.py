@@ -48,7 +48,7 @@ def calibrate(
     condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
     folder: Path | None, quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
-    """Fit registration, tool, the standard model and the named effects to TABLE; state the error after each step.
+    """Fit registration, tool, geometric constants and named effects to TABLE; state the error after each step.
 
     The stated errors are errors on held-out poses; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
@@ -72,7 +72,7 @@ def calibrate(
 
 
 def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
-    """Return the effects of a result; `formula` K or N=K selects an alternative formula K (of finding N)."""
+    """Return the found effects of a result; `formula` K or N=K selects an alternative formula K (of finding N)."""
     if folder is None:
         if formula is not None:
             raise InputError("needs a result, expected --findings RESULT too", "formula")

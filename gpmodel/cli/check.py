@@ -24,7 +24,7 @@ from gpmodel.wording import WIDTH, wrapped
 @mechanism_options()
 @shared.out_file_option
 def effects(mechanism: LoadedMechanism, out: Path | None) -> None:
-    """List the families of effects: explanation, source, inputs, and an example on MECHANISM."""
+    """List the families of the effect catalogue: explanation, source, inputs, and an example on MECHANISM."""
     listed = families(mechanism)
     if out is not None:
         write_text(path_for(out, "effects.csv"), table_text(listed))

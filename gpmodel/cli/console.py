@@ -1,4 +1,4 @@
-"""Print texts and write tables for the command line."""
+"""Print texts and write tables for the commands of gpmodel."""
 
 import contextlib
 import math
@@ -27,7 +27,7 @@ from gpmodel.table.units import split_header
 PATIENCE = 10.0
 """Seconds between progress lines on an output that cannot overwrite lines."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
-"""Examples of `--noise` for pixels and angles."""
+"""Examples of the option `--noise` for pixels and angles, in messages."""
 CLEAR = "\r\x1b[K"
 """Control characters that return to the start of the terminal line and clear the line."""
 
@@ -42,14 +42,14 @@ def path_for(out: Path, default_name: str) -> Path:
 
 
 MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
-"""Pattern of columns with measurements."""
+"""Pattern of the names of table columns with measurements."""
 
 
 def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
-    """Return the output path; None if --out is not given.
+    """Return the path of a command's output file; None if --out is not given.
 
     Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
-    compensate may be replaced. Such files have a .truth.json next to the table (simulate) or a column sigma (predict,
+    compensate may be replaced; they have a .truth.json next to the table (simulate) or a column sigma (predict,
     compensate).
     source: input table, which may be replaced, because the output keeps the columns of the input.
     """
@@ -97,10 +97,10 @@ def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 class Deliverable(Protocol):
-    """A result with a text for the terminal and a page for a folder."""
+    """Interface of a result with a text for the terminal and a page for a folder."""
 
     def summary(self) -> str:
-        """Return the text for a terminal."""
+        """Return the result as text for a terminal."""
 
     def report(self, folder: Path) -> object:
         """Write the files of the result into a folder."""
@@ -120,7 +120,7 @@ def command_line() -> str:
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
-    """Describe how predictions use effects of the fitted session; the sinusoids of one effect are listed once."""
+    """Describe how predictions use effects of the fitted session; sinusoids of one effect are listed once."""
     said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
         return f"row k of this table is treated as row k of the fitted session: {said}"
@@ -157,7 +157,7 @@ def what_next(folder: Path, record: Report) -> str:
 def progress_line(quiet: bool) -> Iterator[Say]:
     """Print progress messages with the elapsed time on standard error.
 
-    On a terminal each message overwrites the last message; on another output a message is printed every ten seconds.
+    On a terminal each message overwrites the last one; on another output a message is printed every ten seconds.
     """
     if quiet:
         yield silent

@@ -1,4 +1,4 @@
-"""Command `gpmodel demo`: discover an effect in an example table, and open the report."""
+"""Command `gpmodel demo`: find an undeclared effect in an example table, and open the report."""
 
 import os
 import sys
@@ -26,11 +26,11 @@ TABLE = "demo.csv"
 MECHANISM = "irb6400r"
 VALUES, TEN = 6, 10
 """Measurements per unknown of the standard model, and the multiple to which the number of poses is rounded up. With
-half as many measurements, an effect of 40 arcsec is often not confirmed; with twice as many its variance is halved."""
+half as many measurements, an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
 EFFECT = "joint_compliance J2=2e-7 rad/Nm"
 """Undeclared effect in the example files: about 0.1 mm at the tool, three times the noise."""
 REPEATED = 5
-"""Number of poses measured three times. The 30 degrees of freedom of the repeats give the noise to within a seventh."""
+"""Number of example poses measured three times. With 30 degrees of freedom the noise is known to within a seventh."""
 
 
 @click.command()
@@ -44,7 +44,7 @@ REPEATED = 5
 def demo(
     folder: Path, mine: str | None, files: bool, no_open: bool, seed: int, workers: int | None, quiet: bool
 ) -> None:
-    """Discover an undeclared effect of an IRB 6400R from 90 poses, and write the report.
+    """Find an undeclared effect of an IRB 6400R in 90 shipped poses, and write the report.
 
     --mine MECH simulates the table that you would measure on your mechanism MECH, with constant errors of 0.3 mm,
     a gear error of 40 arcsec and noise of 0.03 mm, and states how many poses of which kind to measure.

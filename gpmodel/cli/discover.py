@@ -40,7 +40,7 @@ from gpmodel.report.fleet import PAGE
 from gpmodel.table.blocks import FOLDS, USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
-"""Number of poses below which cross-validation replaces held-out poses."""
+"""Number of poses of a table below which cross-validation replaces held-out poses."""
 
 
 @click.command()
@@ -90,13 +90,13 @@ def discover(
 
 
 def write_results(found: DiscoveryResult, folder: Path, say: Say, workers: int = 0) -> None:
-    """Announce and write the report. workers: number of processes, as in `DiscoveryResult.report`."""
+    """Announce and write the report of a search. workers: number of processes, as in `DiscoveryResult.report`."""
     say(Progress("writing the report"))
     found.report(folder, workers=workers)
 
 
 def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:
-    """Return the search settings from the command-line options. minutes: time after which no new round begins."""
+    """Return the settings of the search from command-line options. minutes: time after which no new round begins."""
     strategies = strategies_named(asked["representation"], "slot")
     ends = None if minutes is None else 60 * minutes
     return Search(runs=asked["runs"], strategies=strategies, stop_after=ends, executor=executor)
@@ -106,7 +106,7 @@ def looked(
     mechanism: LoadedMechanism, table: Path, asked: Mapping[str, Any], say: Say, search: Search,
     kept: RunFiles | None = None,
 ) -> DiscoveryResult:  # fmt: skip
-    """Run the search with the command-line options; finished runs of genetic programming are saved."""
+    """Run the search for effects with the command-line options; finished runs of genetic programming are saved."""
     return look(
         mechanism,
         read_table(table, mechanism, in_order=asked["in_order"], **{k: asked.get(k) for k in SIGHTS}),
@@ -170,10 +170,10 @@ def evolve(
     table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, folder: Path | None,
     quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Evolve programs on the residual of TABLE, and count the inputs of the best programs.
+    """Evolve programs on the residual of a model of TABLE, and count the inputs of the best programs.
 
-    The residual is the residual of the standard model, or of a model given by --model or --effect. Every run is
-    repeated on permuted residuals. An input is significant if clearly more programs use the input on the residual.
+    The model is the standard model, or is given by --model or --effect. Every run is repeated on permuted residuals. An
+    input is significant if clearly more programs contain the input on the residual than on permuted residuals.
     With --out: programs.txt, report.json and report.html.
     """
     settings = [settings_for(space, default_strategies(space), Effort()) for space in SPACES]

@@ -26,7 +26,7 @@ from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.texts import toml_text
 
 SHOWN = 5
-"""Number of printed rows of an imported table."""
+"""Number of rows of an imported table that are printed."""
 
 
 @click.command("import")
@@ -101,7 +101,7 @@ def import_table(
 
 
 def _mapped(files: tuple[Path, ...], columns: ColumnMap, join: str) -> Imported:
-    """Import files by a map of columns."""
+    """Import files by a map of columns (table column -> file column)."""
     sheet = read_files(files, join or columns.join, columns.header)
     return Imported(import_file(sheet, columns), left_out=unread(sheet, columns))
 
@@ -131,7 +131,7 @@ def _guessed(
 
 
 def _check(made: Imported, file: Path) -> None:
-    """Raise InputError if the descriptions of cameras and boards, once written, would be unreadable."""
+    """Raise InputError if the imported descriptions of cameras and boards could not be read back."""
     parts = {"cameras": made.content, **made.described} if isinstance(made.content, dict) else made.described
     try:
         for name, content in parts.items():

@@ -1,4 +1,4 @@
-"""Command line `gpmodel`; a command's module is imported when it is called."""
+"""Command line `gpmodel`; the module of a command is imported when the command is called."""
 
 import logging
 import os
@@ -54,7 +54,7 @@ DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 PLUGIN_HELP = 60
-"""Number of characters of a plugin's help text that fit next to its name on 80 columns."""
+"""Number of characters of a plug-in's help text that fit next to its name on 80 columns."""
 
 unused_seed_option = click.Option(["--seed"], type=click.IntRange(0), expose_value=False,
                            help="Has no influence: the command draws no random numbers.")  # fmt: skip
@@ -93,14 +93,14 @@ class CommandGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands for --help."""
+        """Write the list of gpmodel commands for --help."""
         plugins = {e.name: e.load().get_short_help_str(PLUGIN_HELP) for e in entry_points(group=PLUGINS)}
         rows = [(n, COMMANDS[n][1] if n in COMMANDS else plugins[n]) for n in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run the command; in an input error, replace the name of the Python argument by the name of the option."""
+        """Run a command; in an input error, replace the name of the Python argument by the name of the option."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:
@@ -150,7 +150,7 @@ class CommandGroup(click.Group):
 
 
 def option_of(argument: str, params: Sequence[click.Parameter]) -> str:
-    """Return the option name of a library argument."""
+    """Return the name of the command-line option for an argument of the Python library."""
     options = (p.opts[-1] for p in params if isinstance(p, click.Option) and p.name == argument)
     return next(options, argument)
 

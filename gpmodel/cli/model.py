@@ -1,4 +1,4 @@
-"""Commands on a model.json: predict, compensate, export, verify."""
+"""Commands that use a fitted model (model.json): predict, compensate, export, verify."""
 
 from math import isfinite
 from pathlib import Path
@@ -152,7 +152,7 @@ def export(
 
 
 CHANGED, UNDECIDED = 3, 4
-"""Exit statuses of verify: the model does not hold or exceeds the tolerance; the check needs a further pose."""
+"""Exit statuses of verify: the model is no longer valid or exceeds the tolerance; the check needs a further pose."""
 
 
 @click.command()
@@ -171,17 +171,17 @@ def verify(
     model: Path, table: Path | None, tolerance: str | None, pose_by_pose: bool, in_order: bool, folder: Path | None,
     quiet: bool, **sights: str | None,
 ) -> int:  # fmt: skip
-    """Test MODEL on a TABLE measured later: the model holds, the machine has drifted, or it is another machine.
+    """Test MODEL on a TABLE measured later: the model is valid, the machine has drifted, or it is another machine.
 
     MODEL is a model.json of calibrate or discover. The registration, planes, points, a fixed camera, and a board on the
-    table are fitted again. Ten to twenty poses are enough.
+    table are fitted again. Ten to twenty poses are sufficient.
     The output states the error of every pose with and without the model, the expected error, and the
     change: a joint zero, a tool point or an effect. If TABLE has columns corrected_J1, ... of compensate, the machine
     was at the corrected joint values.
-    Exit status: 0 if the model holds, 3 if the model does not hold or a pose exceeds the tolerance.
+    Exit status: 0 if the model is valid, 3 if the model is not valid or a pose exceeds the tolerance.
 
     --next checks pose by pose. TABLE contains the measurements so far; omit TABLE before the first pose. The next pose
-    is printed, with exit status 4, until the result is decided. All tests together report a change for at most one
+    is printed, with exit status 4, until the check is decided. All tests together report a change for at most one
     unchanged machine in twenty. With --out: verify.html, verify.csv, and verify.json, from which `certificate` makes a
     certificate.
     """
@@ -211,7 +211,7 @@ def verify(
 def _leave(found: NextCheck, out: Path, judged: Path) -> Path | None:
     """Write page and repaired model of a check into a folder, or the model alone into a .json file; return its path.
 
-    Raises InputError if the file is the tested model.
+    Raises InputError if the output file is the tested model.
     """
     alone = out.suffix == ".json"
     file = out if alone else out / "repaired.json"

@@ -1,4 +1,4 @@
-"""Options that several commands share, and loading of the mechanism."""
+"""Options that several commands of gpmodel share, and loading of the mechanism."""
 
 import math
 from collections.abc import Callable
@@ -115,7 +115,7 @@ SIGHTS = {
     "board": "Markers of boards, and the links that carry the boards.",
     "surfaces": "Planes, spheres and lines of a known artefact.",
 }
-"""Help of the options for TOML files that describe cameras, boards and touched surfaces."""
+"""Help texts of the options for TOML files that describe cameras, boards and touched surfaces."""
 
 
 def sights_options(command: Command) -> Command:

@@ -46,7 +46,7 @@ def simulate(
     folder.
 
     The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a name of the
-    catalogue or slot:axis:expression. By default the table is printed and no file is written.
+    catalogue or slot:axis:expression. By default the simulated table is printed and no file is written.
     """
     path = place_for(out, "simulated.csv")
     made = measure(
@@ -105,8 +105,8 @@ def poses(
     instrument: str | None, normal: tuple[float, float, float], cone: float | None, tool_point: str | None,
     collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Choose informative measurement poses within the joint limits, and print the precision as a function of their
-    number.
+    """Choose informative measurement poses within the joint limits, and print the precision against the number of
+    poses.
 
     Criteria before a measurement: spread, poses as different as possible (equal distribution criterion); d-optimal (or
     observability), all geometric errors together; e-optimal, the worst determined combination of geometric errors;

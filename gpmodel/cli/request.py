@@ -36,7 +36,7 @@ JOINT = "joint "
 
 
 def resume_option(result: str = REPORT) -> Callable[[Command], Command]:
-    """Add --resume to a command. result: data file that a finished command writes."""
+    """Add --resume to a command. result: name of the data file that a finished command writes."""
     return click.option(
         "--resume", type=PATH, is_eager=True, expose_value=False, callback=partial(_resume, result),
         help="Folder of an interrupted run to resume; nothing else is needed.",
@@ -98,7 +98,7 @@ def keeping(
 
 
 def _identity(ctx: click.Context, mechanism: LoadedMechanism, settings: object) -> dict[str, Any]:
-    """Return all inputs of the result, with files by SHA-256 checksum; raise InputError for a missing file."""
+    """Return all inputs of a command, with files by SHA-256 checksum; raise InputError for a missing file."""
     files, choice = _files(ctx.params), mechanism.choice
     label = {str(p.name): p.opts[0] if isinstance(p, click.Option) else f"the {p.name}" for p in ctx.command.params}
     values = {k: v for k, v in ctx.params.items() if k not in (*FILES, *NO_NUMBERS, "joints")}

@@ -37,7 +37,7 @@ def report(result: Path, folder: Path | None, quiet: bool) -> None:
 @page_option
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
-    """List the change of each parameter and effect between the results in folders A and B."""
+    """List the change of each parameter and effect between the calibrations in folders A and B."""
     deliver(changes(before, after), folder, quiet)
 
 
@@ -72,8 +72,8 @@ def certificate(
     """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
     If DIR has a verification (verify.json), the verification is certified, because its accuracy is measured. The
-    accuracy after a calibration or a discovery is predicted, and the certificate states this. Fields without a value
-    stay blank.
+    accuracy after a calibration or a discovery is predicted, and the certificate states so. Fields without a value stay
+    blank.
     """
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)

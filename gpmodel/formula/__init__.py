@@ -1,1 +1,1 @@
-"""Operators, expressions over named columns, and evolved programs."""
+"""Formulas: operators, expressions over named columns, and evolved programs."""

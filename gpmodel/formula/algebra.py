@@ -1,4 +1,4 @@
-"""Convert programs to sympy expressions, simplify the expressions, and convert them back."""
+"""Convert formulas (programs) to sympy expressions, simplify the expressions, and convert them back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from math import prod
@@ -15,7 +15,7 @@ from gpmodel.formula.program import Builder, Node, Program
 _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
-"""Largest number of operators and leaves of one sympy expression. Simplification of a longer one takes minutes."""
+"""Largest number of operators and leaves of one sympy expression; simplifying a longer one takes minutes."""
 
 logical_not = sympy.Function("not_")
 """Function that is 1 if the argument is 0, else 0. sympy does not simplify this function."""
@@ -54,12 +54,12 @@ _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
 
 
 def to_sympy(program: Program) -> list[sympy.Expr]:
-    """Return one sympy expression for each output, without abbreviations. Inputs become real symbols of equal names."""
+    """Return one sympy expression for each output of a program. Inputs become real symbols of equal names."""
     return in_pieces(program, None)[1]
 
 
 def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and these symbols.
+    """Convert a program to sympy in pieces: symbols defined by large subexpressions, and outputs in terms of symbols.
 
     No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
     parts may be exponentially longer, and its algebra would not end. largest: largest size; None for no limit.
@@ -190,7 +190,7 @@ longer expression takes seconds and hardly shortens the expression."""
 
 
 def simplify(program: Program) -> Program:
-    """Return the shortest form of a program that constant folding and algebra find.
+    """Return the shortest equivalent program that constant folding and algebra find.
 
     A program with an operator that evolution does not use is returned unchanged.
     """
@@ -210,7 +210,7 @@ def simplify(program: Program) -> Program:
 
 
 def _is_written(program: Program) -> bool:
-    """Return whether a program has an operator that is written by users and never evolved."""
+    """Return whether a program has an operator that only users write and evolution does not use."""
     return any(BY_NAME[name].code >= WRITTEN for name in program.operator_counts)
 
 

@@ -31,7 +31,7 @@ LONGEST_TEXT = 50_000
 MOST_PARTS = 5_000
 """Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
-"""Largest nesting of a formula, as deep as a sequence of 256 instructions whose results are each used once."""
+"""Largest nesting depth of a formula: that of an evolved sequence of 256 instructions, each result used once."""
 _ALONE = threading.RLock()
 """Lock held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
@@ -80,7 +80,7 @@ def _read(statements: list[ast.stmt], whole: str) -> Program:
 
 
 def _short(text: str) -> str:
-    """Return the text in quotes, shortened to 200 characters."""
+    """Return a text in quotes, shortened to 200 characters, for a message."""
     return repr(text) if len(text) <= 200 else f"{text[:200]!r}…"
 
 
@@ -102,7 +102,7 @@ class _Reader:
         self.names: dict[str, int] = {}
 
     def read(self, node: ast.expr) -> int:
-        """Return the number of the program's node that computes a part of the text."""
+        """Parse a part of the text and return the number of the program's node that computes it."""
         match node:
             case ast.Constant(value=str() as name):
                 return self.builder.input(name)
@@ -155,18 +155,18 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Largest number of parts of a basis function with each name replaced by its definition; a name may double it."""
+"""Largest number of parts of a basis function after names are replaced by definitions; a name may double it."""
 
 
 class Columns(Protocol):
-    """Named columns with one value per pose. The length of the object is the number of poses."""
+    """Interface of named columns with one value per pose. Their length is the number of poses."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...
 
 
 class Basis(Protocol):
-    """A basis function of the state columns of a pose. `str(basis)` is the expression of the basis function."""
+    """Interface of a basis function of the columns of a pose. `str(basis)` is its expression."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ class Expression:
     """A basis function written as text, such as `sin(2*J4)`: a program of one output over state columns.
 
     `gpmodel.formula.expression.parse` states the syntax, `gpmodel.formula.operators` the functions. Raises InputError
-    for any other text. The text is parsed, never executed.
+    for an invalid text. The text is parsed, never executed.
     """
 
     text: str
@@ -195,7 +195,7 @@ class Expression:
 
     @property
     def program(self) -> Program:
-        """The program of the text, with equal subexpressions merged into one node."""
+        """The program (graph of operators) of the expression's text, with equal subexpressions merged into one node."""
         return _parsed(self.text)
 
     @cached_property

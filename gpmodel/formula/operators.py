@@ -1,7 +1,7 @@
 """Define the operators of formulas: Table 5.1 of Robertson (2003) and some more, with their exact meaning.
 
-The table in this module is the only definition of an operator. Programs, formulas in text, algebra and printing use
-this table. The kernels compute equal functions on rows of numbers and are tested against the table.
+The table in this module is the only definition of an operator. Programs, formulas in text, algebra and printing use the
+table. Compiled loops compute the functions on rows of numbers and are tested against it.
 
 * Arithmetic is IEEE and unprotected: a division by zero gives an infinity. The search rejects a program whose output is
 not finite. No smooth function contains a hidden branch.
@@ -74,10 +74,10 @@ def _between(chosen: Mask) -> tuple[Array, Array]:
 
 
 INPUT, LOAD, STORE = 0, 1, 2
-"""Op-codes of the instructions that move data and compute nothing: input, load, store."""
+"""Op-codes of instructions of evolved programs that only move data: input, load, store."""
 
 WRITTEN = 23
-"""First op-code of the operators that are written, parsed and fitted, but not evolved."""
+"""First op-code of operators that users write and that are fitted, but not evolved."""
 
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),

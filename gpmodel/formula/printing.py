@@ -1,4 +1,4 @@
-"""Write programs as LaTeX, NumPy or C99 source."""
+"""Write formulas (programs) as LaTeX, NumPy or C99 source."""
 
 import re
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 
 def latex(program: Program) -> str:
-    """Return the outputs of a program in LaTeX, separated by commas; definitions of parts precede a long output.
+    """Write the outputs of a program in LaTeX, separated by commas; definitions of parts precede a long output.
 
     Numbers in the LaTeX text are rounded to DIGITS significant digits.
     """
@@ -30,7 +30,7 @@ def latex(program: Program) -> str:
 def latex_lines(
     program: Program, names: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return names and LaTeX definitions of a program's parts, and one text for each output. names: new input names."""
+    """Write names and LaTeX definitions of a program's parts, and one text for each output. names: new input names."""
     written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 
@@ -63,7 +63,7 @@ def as_in_latex(program: Program) -> Program:
 def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
     """Return parts and outputs of a program with numbers rounded to DIGITS significant digits.
 
-    The last result is cached, since `latex` and `as_in_latex` use it one after the other.
+    The last result is cached for `as_in_latex`, which follows `latex`.
     """
 
     def rounded(expression: sympy.Expr) -> sympy.Expr:

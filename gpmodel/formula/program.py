@@ -1,4 +1,4 @@
-"""Programs: small directed graphs of operators over named inputs, which evolution makes or a text defines."""
+"""Programs: small directed graphs of operators over named inputs, evolved or read from a formula's text."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -19,7 +19,7 @@ _ATOM = 9
 
 
 class Named(Protocol):
-    """Named columns of values, one value per pose."""
+    """Interface of named columns of values, one value per pose."""
 
     def __getitem__(self, name: str, /) -> Array: ...
 
@@ -46,7 +46,7 @@ class Program:
     outputs: tuple[int, ...]
 
     def evaluate(self, inputs: Mapping[str, Array]) -> Array:
-        """Return the values of the outputs, one line an output. inputs: values of each input by its name.
+        """Evaluate the outputs of the program, one row per output. inputs: values of each input by its name.
 
         Raises InputError if an input of the program is missing.
         """
@@ -58,7 +58,7 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
     def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
-        """Return the values of every node, `length` values each, by the functions of ``gpmodel.formula.operators``.
+        """Return the values of every node of the program, `length` values each.
 
         constants: values that replace the constants of the program. An undefined value is NaN or infinite, without a
         warning.
@@ -159,12 +159,12 @@ class Program:
         return builder.program(copies[k] for k in self.outputs)
 
     def __str__(self) -> str:
-        """Return infix text that ``parse`` accepts. Shared subexpressions get names; the outputs are after the last
+        """Write the program as infix text for ``parse``. Shared subexpressions get names; outputs follow the last
         ``;``."""
         return self._text(named=True)
 
     def written_out(self) -> str:
-        """Return infix text without names: a shared subexpression is repeated at each use."""
+        """Write the program as infix text without names: a shared subexpression is repeated at each use."""
         return self._text(named=False)
 
     def _text(self, named: bool) -> str:
@@ -288,9 +288,9 @@ def description_size(program: Program) -> int:
 
 
 def length(program: Program) -> int:
-    """Return the number of operators, inputs and constants of a program that is written out without names.
+    """Return the number of operators, inputs and constants of a formula without abbreviations.
 
-    An input with an offset and a scale counts as one.
+    An input with an offset and a scale counts as one input.
     """
     nodes, sizes, plain = program.nodes, list[int](), list[bool]()
     for node in nodes:

@@ -1,1 +1,1 @@
-"""Interfaces of a mechanism, and the providers that load one by name."""
+"""Interfaces of a mechanism, and the loading of mechanisms by name."""

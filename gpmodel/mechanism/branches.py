@@ -22,7 +22,7 @@ closes the loops."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
-    """Return the limits of a joint, rad or m, reduced to a width of one turn or one metre if they are wider."""
+    """Return the limits of a joint, rad or m, reduced to one turn or one metre if they are wider."""
     widest = FREE_TURN if joint.kind == "revolute" else FREE_TRAVEL
     if joint.upper - joint.lower <= 2 * widest:
         return joint.lower, joint.upper
@@ -80,7 +80,7 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
 
 
 TIP_TOLERANCE = 1e-7
-"""Largest distance between the tips of two descriptions of one machine, m: a rounding error."""
+"""Largest distance, m, between the tips of two descriptions that count as one machine: a rounding error."""
 
 
 def trial_pose(mechanism: Mechanism) -> Array:
@@ -95,7 +95,7 @@ def trial_pose(mechanism: Mechanism) -> Array:
 
 
 def tip_at_trial(mechanism: Mechanism) -> Array:
-    """Return the tip (3,), m, at one trial pose: a fingerprint of the nominal geometry up to the measured frame."""
+    """Return the tip (3,), m, of the mechanism at one trial pose, which identifies its nominal geometry."""
     return np.asarray(chain(mechanism.transforms(trial_pose(mechanism)))[-1][0, :3, 3])
 
 
@@ -109,7 +109,7 @@ class Branched(Protocol):
     """A mechanism of several chains. `slots` lists the slots of all chains one after the other.
 
     `transforms` gives each slot in the frame of the previous slot of the list `slots`. An error moves only later slots
-    of its chain.
+    (frames) of its chain.
     """
 
     @property
@@ -122,7 +122,7 @@ class Branched(Protocol):
 
     @property
     def tips(self) -> Mapping[str, str]:
-        """{measured link: slot that carries the link}. The first link is the default of a row that names none."""
+        """{measured link: slot that carries the link}. The first link is the default."""
 
     def alone(self, tip: str) -> Mechanism:
         """Return the chain that ends at the measured link `tip` as a mechanism. The slots of the chain keep their
@@ -172,7 +172,7 @@ def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) ->
 
 
 WORLD = ("world", "base")
-"""Names of the stationary frames."""
+"""Names of the stationary frames, such as "world"."""
 
 
 @runtime_checkable

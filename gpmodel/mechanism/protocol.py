@@ -1,4 +1,4 @@
-"""Interfaces of a mechanism: its slots, its loads, and properties that only some mechanisms have."""
+"""Interfaces of a mechanism: its slots (frames), its loads, and properties that only some mechanisms have."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ GRAVITY = 9.81
 loads and compliances are correct to 0.3 %."""
 
 SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
-"""SI unit of each dimension."""
+"""SI unit of each physical dimension, such as length."""
 
 LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
-"""Largest accepted lengths, angles, masses, accelerations and pixels, SI. A larger value has a wrong unit."""
+"""Largest accepted lengths, angles, masses, accelerations and pixels, SI; a larger value has a wrong unit."""
 
 
 def checked(value: float, dimension: str, where: str) -> float:
@@ -59,7 +59,7 @@ class Joint:
 
 @runtime_checkable
 class Mechanism(Protocol):
-    """A chain of nominal frames.
+    """Interface of a mechanism: a chain of nominal frames.
 
     Measured point: T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool, with nominal transforms T_s and error
     twists E_s = exp(twist) in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed` and
@@ -72,7 +72,7 @@ class Mechanism(Protocol):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """The joints, in the order of the columns of the table."""
+        """The joints of the mechanism, in the order of the columns of the table."""
 
     @property
     def slots(self) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ class Mechanism(Protocol):
 
 @runtime_checkable
 class ClosedLoops(Protocol):
-    """A mechanism whose legs meet in one platform. An error in a leg moves the tool as far as the other legs allow.
+    """A mechanism whose legs meet in one platform. An error in a leg moves the tool only as the other legs allow.
 
     `slots` and `transforms` are as for a chain; the effect of an error twist is different. The geometric constants of a
     chain do not fit a mechanism with closed loops, which therefore states its own constants.
@@ -110,7 +110,7 @@ class ClosedLoops(Protocol):
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Slot and axis of every geometric constant of the complete geometry."""
+        """Slot (frame) and axis of every geometric constant of the complete geometry."""
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """Return poses (slots, poses, 4, 4) in the root frame, m, each after its error twist, with all loops closed.
@@ -120,7 +120,7 @@ class ClosedLoops(Protocol):
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return for each pose whether the loops close, with the error twists of `assembled` or nominally.
+        """Return for each pose whether kinematic loops close, with the error twists of `assembled` or nominally.
 
         q: joint values (poses, joints) of the table.
         """
@@ -170,7 +170,7 @@ class Wrapping(Protocol):
 
     @property
     def bare(self) -> Mechanism:
-        """The contained mechanism."""
+        """The mechanism that the loaded mechanism contains."""
 
 
 def followers(mechanism: Mechanism) -> dict[str, str]:
@@ -190,7 +190,7 @@ class WithIgnoredParts(Protocol):
 
 
 def unwrapped(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism that the provider built."""
+    """Return the mechanism inside a loaded mechanism, as its provider built it."""
     return mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
 
 
@@ -205,7 +205,7 @@ class ThermalLevers(Protocol):
 
 @runtime_checkable
 class FittedLever(Protocol):
-    """A mechanism whose lever a first fit determines, because its nominal description has none."""
+    """A mechanism whose lever to the tool a first fit determines, because its nominal description has none."""
 
     def reaching(self, point: Iterable[float]) -> Mechanism:
         """Return the mechanism with the tool at `point` (3,), m, in the measured frame."""
@@ -248,7 +248,7 @@ class CollisionShape(Protocol):
 
     @property
     def has_shape(self) -> bool:
-        """True if the shape of the parts is known. An unknown shape never collides and never blocks a line of sight."""
+        """True if the shape of the parts is known; unknown parts never collide and never block a line of sight."""
 
     def collides(self, q: Array) -> Mask:
         """Return for each row of joint values q (rad and m) whether the mechanism collides with itself."""
@@ -270,14 +270,14 @@ class ExportsUrdf(Protocol):
 
 
 Shift = tuple[tuple[str, str, float], ...]
-"""(slot, axis, weight) of each twist that together shift the centre of a ball by one metre."""
+"""Twists (slot, axis, weight) that together shift the centre of a ball by one metre."""
 
 
 @dataclass(frozen=True)
 class Ball:
-    """A ball in its socket.
+    """A ball joint: a ball in its socket.
 
-    name: empty if the mechanism has only one ball.
+    name: name of the ball, empty if the mechanism has one.
     angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then about the y
     axis of the ball, then about its z axis.
     shifts: {direction in words: shift of the ball's centre}. The last direction is along its lever or leg.
@@ -306,7 +306,7 @@ class BallJointed(Protocol):
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """The balls of the mechanism, in order from the base."""
+        """The ball joints of the mechanism, in order from the base."""
 
     def turned(self, q: Array) -> dict[str, Array]:
         """Return {angle: values, rad} of ball angles that are no joint coordinates, at joint values q."""
@@ -319,6 +319,6 @@ def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
 
 
 def balls_of(mechanism: Mechanism) -> tuple[Ball, ...]:
-    """Return the balls of a mechanism, or an empty tuple."""
+    """Return the ball joints of a mechanism, or an empty tuple."""
     jointed = ball_jointed(mechanism)
     return jointed.balls if jointed else ()

@@ -53,7 +53,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
 
 
 RESERVED = ("x", "y", "z", "rx", "ry", "rz", "row", "payload", "group", "repeat", "setup", "tool")
-"""Names of columns and inputs that no joint can have."""
+"""Names of table columns and inputs that a joint cannot have."""
 FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
 """Largest size of the description of a mechanism, bytes. The largest description of example-robot-data, a humanoid with
@@ -89,7 +89,7 @@ class MechanismChoice:
             checked_mass(self.payload, "", "payload")
 
     def load(self) -> "LoadedMechanism":
-        """Load the mechanism. Raises InputError if it is unknown or its file is invalid."""
+        """Load the chosen mechanism. Raises InputError if it is unknown or its file is invalid."""
         name, choice = self.name, self
         if self.description:
             name = str(_unpacked(self.name, self.description))
@@ -121,7 +121,7 @@ class MechanismChoice:
 def _unpacked(name: str, description: str) -> Path:
     """Write a description to a temporary file, kept until this process ends, and return the path of the file.
 
-    A mechanism may have to write its description.
+    Some mechanisms can only be loaded from a file.
     """
     if Path(name).suffix.lower() not in FILES or len(description) > LARGEST_FILE:
         raise InputError(f"mechanism '{name}': expected a name that ends in {' or '.join(FILES)}, of a smaller file")
@@ -171,7 +171,7 @@ class LoadedMechanism:
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Vectors of the links of the contained mechanism; see gpmodel.mechanism.branches.links."""
+        """Vectors of the links that grow with temperature; see gpmodel.mechanism.branches.links."""
         return links(self.bare)
 
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
@@ -208,5 +208,5 @@ class LoadedMechanism:
 
 
 def choice_of(mechanism: Mechanism) -> MechanismChoice:
-    """Return the name and options from which `mechanism` can be loaded again; its name if it was built in Python."""
+    """Return name and options from which a mechanism can be loaded again; its name if it was built in Python."""
     return mechanism.choice if isinstance(mechanism, LoadedMechanism) else MechanismChoice(mechanism.name)

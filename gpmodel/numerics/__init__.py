@@ -1,1 +1,1 @@
-"""Linear algebra, rigid motions and null distributions."""
+"""Linear algebra, rigid motions, confidence intervals and p-values."""

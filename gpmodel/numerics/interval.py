@@ -8,12 +8,12 @@ from scipy import special
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
-"""Degrees of freedom of Student's t with equal prior weights. The last value stands in for the normal distribution."""
+"""Degrees of freedom of alternative Student's t distributions of errors. The last one represents the normal."""
 NODES = 40
 """Number of normal distributions whose mixture approximates Student's t."""
 STEPS = 100
 SETTLED = 1e-3
-"""Largest number of EM iterations for a scale; relative change of the scale below which the iterations end."""
+"""Largest number of EM iterations for a scale of Student's t; relative change of the scale at which they end."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Tails:
     evidence: float
 
     def drawn(self, shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-        """Draw the errors of simulated tables. shape: number of tables, and shape of the errors in a table.
+        """Draw the measurement errors of simulated tables. shape: number of tables, and shape of the errors in a table.
 
         For each table a distribution is drawn by its weight, and its scale log-normally with deviation `uncertain`.
         """
@@ -56,7 +56,7 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     The variance of s is s² (f + 3) / (2 f count).
     count: number of independent values to which the sample is equivalent.
     blur: variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
-    The added error is taken as normal, as a sum of many terms.
+    The added error is normal, as a sum of many terms.
     Student's t is computed as a mixture of normal distributions with variances s² u, u = f / χ²_f, at NODES quantiles
     of u. Scales by the EM iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
     """
@@ -82,8 +82,8 @@ def with_far_ones(
     """Fit error distributions to accepted errors and to outliers that a fit excluded.
 
     Two alternative models of the errors are weighted by their evidence. Either one distribution explains all errors, or
-    outliers are failures, uniform up to the farthest distance. Every rate of failures has an equal prior probability,
-    so that F failures among F + M errors have the probability F! M! / (F + M + 1)!.
+    outliers are failures, uniform up to the largest error. Every rate of failures has an equal prior probability, so
+    that F failures among F + M errors have the probability F! M! / (F + M + 1)!.
     inside, far: accepted errors and outliers, m.
     count: number of independent coordinates to which the accepted errors are equivalent.
     blurs: relative variances added to accepted errors and to outliers, as `blur` of `tails`.
@@ -111,7 +111,7 @@ def _mixed(one: Tails, other: Tails, share: float, evidence: float) -> Tails:
 
 
 COVERAGE = 0.95
-"""Coverage of every reported interval."""
+"""Coverage probability of every reported confidence interval."""
 
 
 def coverage_factor(freedom: float) -> float:

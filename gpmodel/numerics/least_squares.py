@@ -1,4 +1,4 @@
-"""Least squares on unit columns: pivoted QR for few, normal equations for many; updates that omit a column or rows."""
+"""Least squares on unit columns: pivoted QR for few, normal equations for many; updates that omit columns or rows."""
 
 import ctypes
 import sys
@@ -15,7 +15,7 @@ from gpmodel.numerics.rank import NEGLIGIBLE, factored
 def give_back() -> None:
     """Return freed memory to the operating system, on Linux.
 
-    glibc keeps the memory of freed arrays of up to 32 MB, hundreds of megabytes after a search.
+    The C library glibc keeps freed arrays of up to 32 MB, hundreds of megabytes after a search.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim:
@@ -23,8 +23,8 @@ def give_back() -> None:
 
 
 OUTLIER_SIGMAS = 6.0
-"""Robust standard deviations from the median beyond which an error is an outlier: one in 10⁵ lengths of 3-D normal
-errors."""
+"""Robust standard deviations from the median beyond which a position error is an outlier: one in 10⁵ lengths of 3-D
+normal errors."""
 
 OUTLIER_SHARE = 0.15
 """Largest share of poses that a fit excludes as outliers. If more poses deviate, the model is wrong."""
@@ -38,7 +38,7 @@ NEIGHBOURS = 5
 five neighbours are with a probability of 1e-4."""
 
 ALIKE = 0.5
-"""Least cosine between two errors of one direction; a quarter of all pairs of directions have a larger cosine."""
+"""Least cosine of two error vectors that count as of one direction; a quarter of random pairs have a larger one."""
 
 MAD_SIGMAS = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
@@ -53,7 +53,7 @@ def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
 def among_worst(errors: Array, use: Mask | None = None) -> Mask:
     """Mark the largest errors that may still be excluded as outliers, as a mask of poses.
 
-    At most the share OUTLIER_SHARE of all poses, and at least one, is excluded altogether.
+    At most the share OUTLIER_SHARE of all poses, and at least one pose, is excluded in total.
     use: poses that are not excluded yet; None for all poses.
     """
     use = np.ones(len(errors), dtype=bool) if use is None else use
@@ -65,7 +65,7 @@ def among_worst(errors: Array, use: Mask | None = None) -> Mask:
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
     """Mark outliers whose nearest neighbours are mostly outliers with errors in nearly one direction.
 
-    A wrong model causes such a region of outliers; excluding its poses would hide the model's error.
+    A wrong model causes a region of outliers; excluding the poses of the region would hide the model's error.
     far: mask of the outliers.
     places: joint values or positions of the poses, each column compared relative to its range.
     errors: error vectors of the poses, m, NaN where nothing was measured.
@@ -84,8 +84,8 @@ def in_company(far: Mask, places: Array, errors: Array) -> Mask:
 
 
 MANY_COLUMNS = 100
-"""Number of columns from which normal equations replace pivoted QR. So many columns come with priors, which keep the
-normal equations regular."""
+"""Number of columns from which normal equations replace pivoted QR. Many columns have priors, which keep the normal
+equations regular."""
 
 
 def solve(system: Array, target: Array) -> Array:
@@ -174,7 +174,7 @@ class LeaveOneOut:
 
 @dataclass(frozen=True)
 class Omitted:
-    """Residuals of rows that a fit omits, from the residuals of the fit to all rows.
+    """Leave-out residuals: residuals of rows that a fit omits, from the residuals of the fit to all rows.
 
     With W the omitted rows of an orthonormal basis of the columns, the residuals of the omitted rows are A⁻¹ times
     their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
@@ -191,7 +191,7 @@ class Omitted:
 
     @classmethod
     def of(cls, rows: IntArray, basis: Array) -> "Omitted":
-        """Prepare the omission of `rows` from columns with an orthonormal basis."""
+        """Prepare the residuals of a fit without `rows`, from an orthonormal basis of its columns."""
         there = basis[rows]
         square = there @ there.T if len(rows) <= basis.shape[1] else there.T @ there
         return cls(rows, there, factored(np.eye(len(square)) - square))

@@ -9,7 +9,7 @@ from scipy import linalg
 from gpmodel.arrays import Array, Count, IntArray, Mask, NotNegative
 
 NEGLIGIBLE = 1e-7
-"""Relative norm below which a column is a rounding error: a few times the square root of double precision."""
+"""Relative norm below which a column is rounding error: a few times the square root of double precision."""
 LIMITS = (1.0, 20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
 """Condition limits among which cross-validation chooses. Between two neighbouring limits the number of an arm's fitted
 constants changes."""
@@ -26,7 +26,7 @@ def orthonormal(columns: Array) -> Array:
 
 
 def remove(basis: Array, columns: Array) -> Array:
-    """Return columns minus their projection on an orthonormal basis."""
+    """Project an orthonormal basis out of columns."""
     return columns - basis @ (basis.T @ columns)
 
 
@@ -72,7 +72,7 @@ class Span:
         return cls(plain, rest, factor)
 
     def weighed(self, rows: slice, weight: float) -> "Span":
-        """Return the span with `rows` multiplied by `weight`; the plain columns are zero in these rows."""
+        """Return the span with rows of priors multiplied by `weight`; columns without priors are zero in these rows."""
         rest = np.array(self.rest)
         rest[rows] *= weight
         return Span(self.plain, rest, factored(rest.T @ rest))
@@ -129,7 +129,7 @@ class Ranking:
     order: IntArray
 
     def kept(self, condition_limit: float) -> IntArray:
-        """Select candidate columns in order of preference; return their sorted numbers.
+        """Select a well-conditioned subset of candidate columns in order of preference; return their sorted numbers.
 
         A candidate is kept if at least 1 / condition_limit of its unit length is orthogonal to the fixed and the kept
         columns. The order of several dependent columns, not the poses, thereby decides which column is kept.
@@ -210,7 +210,7 @@ def triangle(columns: Array) -> Array:
 
 
 def rank_curve(ranking: Ranking, data: Folded, fixed: int) -> tuple[RankChoice, ...]:
-    """Return the cross-validated error at each of LIMITS; limits that keep equal columns share one point.
+    """Return the cross-validated error at each condition limit; limits that keep equal columns share one point.
 
     data: the fixed columns, followed by the candidates, and the target.
     fixed: number of fixed columns.

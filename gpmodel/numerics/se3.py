@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 
 JACOBIAN_TERMS = 16
-"""Terms of the series of the Jacobian: exact to rounding for rotations up to 1 rad, far above every error twist."""
+"""Number of series terms of the Jacobian: exact to rounding for rotations up to 1 rad, above every error twist."""
 
 
 def hat(vectors: Array) -> Array:
@@ -125,7 +125,7 @@ def nearest_rotation(rough: Array) -> Array:
 
 
 def chain(transforms: Array) -> Array:
-    """Return the running products of relative transforms: the pose of each frame in the root frame."""
+    """Multiply relative transforms to the pose of each frame in the root frame."""
     out = np.empty_like(transforms)
     out[0] = transforms[0]
     for i in range(1, len(transforms)):
@@ -158,7 +158,7 @@ def without_registration(points: Array, columns: Array) -> Array:
 def roll_pitch_yaw(rotation: Array) -> Array:
     """Return the angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3).
 
-    At a pitch of ±90° only the sum or difference of roll and yaw is determined; a yaw is chosen and the roll follows.
+    At a pitch of ±90° only the sum or difference of roll and yaw is determined; a yaw is chosen arbitrarily.
     """
     r = rotation
     yaw = np.arctan2(r[1, 0], r[0, 0])

@@ -1,1 +1,1 @@
-"""Selection of measurement poses, and simulated tables with known errors."""
+"""Selection of measurement poses, and simulation of measured tables with known errors."""

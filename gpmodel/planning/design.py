@@ -43,7 +43,7 @@ class Sight:
 
 @dataclass(frozen=True)
 class Constraints:
-    """Constraints that every pose has to meet.
+    """Constraints that every selected measurement pose has to meet.
 
     box: smallest and largest coordinates of the tool point in the root frame, (2, 3), m.
     tool: tool point (3,) in the measured frame, m.
@@ -122,10 +122,10 @@ def _unit(vectors: Array) -> Array:
 
 
 EXCHANGES = 200
-"""Largest number of exchanges of a selected pose for another pose."""
+"""Largest number of exchanges of a selected measurement pose for another pose."""
 
 TRIED = 10
-"""Number of poses tried in an exchange: the poses with the largest gain when added to the design."""
+"""Number of poses tried in an exchange of measurement poses: those with the largest gain when added."""
 
 ENOUGH = 1e-6
 """Least improvement of the logarithm of the design criterion by an exchange of two poses."""
@@ -172,7 +172,7 @@ class EOptimal:
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the change of the log smallest eigenvalue, exact for SHORTLIST poses and -inf for other poses."""
+        """Return the change of the log smallest eigenvalue, exact for SHORTLIST poses, -inf for others."""
         values, vectors = np.linalg.eigh(information)
         told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
         near = np.argsort(-sign * told)[:SHORTLIST]
@@ -227,8 +227,8 @@ def choose(columns: Array, known: Array, count: int, goal: Criterion) -> IntArra
 
 
 def _swap(columns: Array, chosen: IntArray, information: Array, goal: Criterion) -> tuple[int, int] | None:
-    """Return a pose to add and the position in `chosen` of the pose to remove, or None if no exchange improves the
-    criterion."""
+    """Return a pose to add to the design and the position in `chosen` of the pose to remove, or None if no exchange
+    improves the criterion."""
     gains = goal.change(information, columns, 1.0)
     gains[chosen] = -np.inf
     for enter in np.argsort(-gains)[:TRIED].tolist():
@@ -306,7 +306,7 @@ def choose_for_all(questions: Sequence[Design], count: int) -> IntArray:
 def deviations(questions: Sequence[Design], order: IntArray) -> Array:
     """Return the largest predicted standard deviation of all problems after 0, 1, 2, ... of the poses `order`.
 
-    The value is NaN if an unknown is not determined.
+    A standard deviation is NaN if an unknown is not determined.
     """
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 

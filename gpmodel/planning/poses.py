@@ -1,4 +1,4 @@
-"""Selection of measurement poses before anything is measured."""
+"""Selection of measurement poses before any measurement."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ STEPS = 300
 """Largest number of multiplicative steps in the computation of the optimal weights of poses."""
 
 CLOSE = 0.01
-"""Largest relative gap between lower bound and best variance of a design: half a per cent of the standard deviation."""
+"""Largest relative gap between lower bound and best variance of a design, half a per cent of the standard deviation."""
 
 
 def least_deviation(questions: Sequence[Design], count: int) -> float:
@@ -57,8 +57,8 @@ def _least(question: Design, count: int) -> float:
 
 
 POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
-"""Candidate poses for each wanted pose; least size of the pool; largest size of the pool, if two candidates for each
-wanted pose fit."""
+"""Number of candidate poses for each wanted pose; least size of the pool of candidates; largest size of the pool, if
+two candidates for each wanted pose fit."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
@@ -143,7 +143,7 @@ def _by_pose(pose_of_row: IntArray, columns: Array) -> Array:
 
 
 def variance_root(columns: Array) -> Array:
-    """Return the matrix L for which trace(L covariance) is the mean variance of the point over the poses of a pool."""
+    """Return the matrix L for which trace(L covariance) is the mean variance of the tool point over a pool of poses."""
     return np.asarray(np.einsum("pij,pik->jk", columns, columns)) / len(columns)
 
 

@@ -1,4 +1,4 @@
-"""Simulated tables of measurements with known errors: targets and surfaces of an instrument, poses, readings."""
+"""Simulated tables of measurements with known errors: targets or touched surfaces, poses, measured values."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,25 +26,25 @@ from gpmodel.table.units import convert
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
 NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
-"""Dimension and usual standard deviation of the noise of some instruments. The default is the noise of a tracker."""
+"""Dimension and usual standard deviation of the noise of some instruments. The default is that of a laser tracker."""
 POOL = 60
 """Number of random poses drawn for each simulated pose. The camera can see the board in one of ten random poses."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02
 """A simulated camera of 5 megapixels and a board: focal length and image size, px; columns and rows of corners;
 distance between corners, m."""
 TILTED = np.cos(np.radians(55.0))
-"""Cosine of the largest tilt of a board at which its corners are located well."""
+"""Cosine of the largest tilt of a calibration board at which its corners are located well in an image."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
 """Length of a simulated bar and radius of a simulated sphere, m; number of touches of a shared point."""
 NEARBY = 30
-"""Number of random poses from which one of the poses nearest to a target is selected."""
+"""Number of random poses from which a pose near a touched target is selected."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """Poses and targets of a simulated measurement. With several arms, the poses belong to the arms in turn.
 
-    q: joint values (poses, joints) of the starting poses.
+    q: joint values (poses, joints) of the initial poses.
     labels: {label column: name of the touched object at each pose}.
     spare: joint values of further starting poses; points: tool points (arms, poses, 3) of `spare` for every arm, m.
     aims: function from tool points (poses, 3) to the points to be touched, m, in the root frame.
@@ -172,7 +172,7 @@ def _inside(seen: Array) -> Mask:
 
 
 CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
-"""Largest distance of a simulated touch from its surface, m; steps from a starting pose; number of starting poses."""
+"""Largest distance of a simulated touch from its surface, m; steps from an initial pose; number of initial poses."""
 
 
 @dataclass(frozen=True)

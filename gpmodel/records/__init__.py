@@ -1,1 +1,1 @@
-"""Records of a running search on disk."""
+"""Files that record the finished parts of a running search."""

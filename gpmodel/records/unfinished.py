@@ -1,4 +1,4 @@
-"""Finished parts of an interrupted command on disk: JSON files with a seal of the request that they belong to."""
+"""Finished parts of an interrupted command on disk: JSON files with a checksum of the command's inputs."""
 
 import dataclasses
 import math
@@ -28,12 +28,12 @@ _TYPES = {
     t.__name__: t
     for t in (Candidate, NonlinearParameters, Constant, Effect, TakenUp, Term, Expression, Solution, Program, Node)
 }
-"""Types that `decode` can create; other names are refused."""
+"""Types of stored values that `decode` can create; other names are refused."""
 
 
 def encode(value: Any) -> Any:
-    """Convert a value to JSON content: these types, arrays, tuples, lists, dictionaries and numbers, infinite numbers
-    too."""
+    """Convert a value to JSON content: stored types, arrays, tuples, lists, dictionaries and numbers, also infinite
+    ones."""
     if isinstance(value, Node) or (dataclasses.is_dataclass(value) and not isinstance(value, type)):
         names = value._fields if isinstance(value, Node) else [f.name for f in dataclasses.fields(value)]
         return {"type": type(value).__name__, "fields": {name: encode(getattr(value, name)) for name in names}}
@@ -80,9 +80,9 @@ class Unfinished:
     """The subfolder `unfinished` of a folder of results: one file KIND-NUMBER.json for each finished part.
 
     request: JSON content of the command.
-    identity: the part of the request, with the contents of its files, on which the numbers depend. Files with another
-    identity are not used.
-    say: receives a message about each damaged file, which is renamed; its part is computed again.
+    identity: the inputs of the command on which the results depend, files by content. Files with another identity are
+    not used.
+    say: receives a message about each damaged file, which is renamed and computed again.
     """
 
     out: Path
@@ -92,7 +92,7 @@ class Unfinished:
 
     @property
     def folder(self) -> Path:
-        """Folder of the files."""
+        """Folder of the files of an unfinished command."""
         return self.out / FOLDER
 
     def refuse_another(self) -> None:
@@ -137,12 +137,12 @@ class Unfinished:
             return None
 
     def close(self) -> None:
-        """Remove the files once the results are written."""
+        """Remove the files of the unfinished command once the results are written."""
         remove_folder(self.folder)
 
     @property
     def empty(self) -> bool:
-        """True if no part is finished yet."""
+        """True if no part of the command is finished yet."""
         return not self._finished()
 
     def _finished(self) -> list[Path]:
@@ -172,7 +172,7 @@ def unfinished(out: Path) -> dict[str, Any] | None:
 
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """List the differences between two identities, one phrase each."""
+    """List the differences between the inputs of two commands, one phrase each."""
     changed = [key for key in (*before, *(k for k in now if k not in before)) if before.get(key) != now.get(key)]
     return [_difference(key, before, now) for key in changed]
 
@@ -202,7 +202,7 @@ class RunFiles(KeptRuns):
         )
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Write the parts of a run that `run` reads."""
+        """Write the parts of an evolution run that `run` reads."""
         names = ("front", "best", "history", "evaluations", "seconds")
         self.files.write(_run(number), {name: getattr(found, name) for name in names})
 

@@ -1,4 +1,4 @@
-"""Contract checks of effects and their families."""
+"""Contract checks of user-defined effects and families of effects."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,7 +20,7 @@ from gpmodel.table.dataset import unmeasured
 from gpmodel.table.units import known_unit, split_header
 
 PAYLOAD = 10.0
-"""Largest payload of the poses of a check, kg."""
+"""Largest payload of the random poses in a check of effects, kg."""
 
 INSTRUMENT_AT = (-1.0, -3.5, 0.5)
 """Origin of the mechanism's root in the instrument's frame in the checks, m: a typical tracker position."""
@@ -92,7 +92,7 @@ def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement:
 
 
 def _has(states: States, name: str) -> bool:
-    """Return whether the poses have a column or can derive one, as columns of time lags and instruments."""
+    """Return whether the poses have a column or can compute it, as columns of time lags and instruments."""
     try:
         return len(states[name]) == len(states)
     except InputError:

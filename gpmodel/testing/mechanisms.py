@@ -53,12 +53,12 @@ def _check_search(representation: Representation, inputs: Inputs, seed: int) -> 
 
 
 PAYLOAD = 10.0
-"""Payload of a check, kg, large enough for its weight to be visible in the loads."""
+"""Payload in the check of a mechanism, kg, large enough for its weight to be visible in the loads."""
 DOWN = (0.0, 0.0, -1.0)
-"""Direction of gravity in the root frame, unless stated."""
+"""Default direction of gravity in the root frame of a checked mechanism."""
 ERROR, STEP = 1e-3, 1e-5
-"""Errors of a check, m and rad, larger than a machine's; step of central differences, whose
-third-order error is 1e-10."""
+"""Errors of a checked mechanism, m and rad, larger than a machine's; step of central differences, with errors of
+1e-10."""
 
 GRAVITY = (9.7, 9.9)
 """Range of gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles, and a margin."""
