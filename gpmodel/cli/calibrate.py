@@ -25,12 +25,10 @@ from gpmodel.model.effect import Effect
 @shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
 @click.option(
-    "--findings", type=shared.PATH, metavar="RESULT", help="Result folder of discover; its findings are fitted."
+    "--findings", type=shared.PATH, metavar="RESULT", help="Result folder of discover, whose found effects are fitted."
 )
-@click.option(
-    "--formula", metavar="[N=]K", help="Alternative formula K of finding N of --findings, instead of its formula."
-)
-@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json, a prior for machines of one type.")
+@click.option("--formula", metavar="[N=]K", help="Use alternative formula K of finding N of --findings.")
+@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json, a prior for a machine of its type.")
 @shared.joints_option
 @shared.sights_options
 @shared.standard_option

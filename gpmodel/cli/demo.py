@@ -36,7 +36,7 @@ REPEATED = 5
 @click.command()
 @click.option("--out", "folder", type=PATH, default=Path("demo-report"), show_default=True)
 @click.option("--mine", metavar="MECH", help="Mechanism to simulate and calibrate, instead of the shipped table.")
-@click.option("--files", is_flag=True, help="Write example files for all commands instead: an arm, tables, targets.")
+@click.option("--files", is_flag=True, help="Write example files for all commands (an arm, tables, targets) instead.")
 @click.option("--no-open", is_flag=True, help="Do not open the report in a browser.")
 @seed_option
 @workers_option

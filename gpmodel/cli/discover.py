@@ -57,7 +57,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @click.option("--folds", type=click.IntRange(2), metavar="K",
               help="Cross-validation of the whole search in K folds.")  # fmt: skip
 @shared.in_order_option
-@click.option("--noise", metavar="SIZE", help="Standard deviation of one measurement: 0.03mm, 0.1px.")
+@click.option("--noise", metavar="SIZE", help="Standard deviation of one measured value: 0.03mm, 0.1px.")
 @shared.instrument_option
 @shared.joints_option
 @click.option("--like", metavar="DIR", help="Result folder of fleet, as prior of a further machine of the type.")
@@ -67,7 +67,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @shared.workers_option
 @shared.scheduler_option
 @click.option("--out", "folder", type=shared.PATH, default=Path("discovery"), show_default=True,
-              help="Folder of the results.")  # fmt: skip
+              help="Folder for the results.")  # fmt: skip
 @resume_option()
 @shared.quiet_option
 def discover(
@@ -135,26 +135,26 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @shared.mechanism_options()
 @click.option("--model", type=shared.PATH, help="Result or model.json to start from, in place of the standard model.")
 @click.option(
-    "--effect", "effects", multiple=True, metavar="NAME", help="Effect of the starting model, named as in calibrate."
+    "--effect", "effects", multiple=True, metavar="NAME", help="Effect in the initial model, named as in calibrate."
 )
 @shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tool point, or find basis function and slot of an effect.")  # fmt: skip
-@click.option("--population", type=click.IntRange(4), help="[default: 65536 linear, 8192 tree]")
-@click.option("--generations", type=click.IntRange(0), help="[default: 100]")
-@click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run, s.")
-@click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Runs of each representation.")
+@click.option("--population", type=click.IntRange(4), help="Programs of a run. [default: 65536 linear, 8192 tree]")
+@click.option("--generations", type=click.IntRange(0), help="Generations of a run. [default: 100]")
+@click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run of genetic programming, s.")
+@click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Runs per program representation.")
 @click.option("--operators", help="Operator set (thesis, smooth, slot, physics) or operator names.")
 @click.option("--truncation", type=shared.Number(above=0.0), help="Fraction of the population that breeds: 0.05.")
 @click.option("--tournament", type=click.IntRange(1), help="Tournament size, instead of truncation.")
 @click.option(
     "--crossover",
     type=click.FloatRange(0.0, 0.999),
-    help="Rate per element of a sequence; share of the offspring of trees.",
+    help="Crossover rate per element of a sequence; share of the offspring of trees.",
 )
-@click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate per element of a sequence.")
-@click.option("--length", type=int, help="Number of elements of a sequence.")
-@click.option("--depth", type=int, help="Largest depth of a tree.")
+@click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Mutation rate per element of a sequence.")
+@click.option("--length", type=int, help="Number of elements of an evolved sequence.")
+@click.option("--depth", type=int, help="Largest depth of an evolved tree.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
 @shared.sights_options
 @shared.standard_option

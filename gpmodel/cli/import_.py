@@ -38,9 +38,9 @@ SHOWN = 5
 @mechanism_options(required=False)
 @click.option("--joints", type=PATH, help="Table of joint values, one row per image of a board.")
 @click.option("--square", metavar="SIZE", help="Distance of neighbouring corners of the board, as in 24mm.")
-@click.option("--topic", help="Topic of a ROS bag, if several contain measurements.")
+@click.option("--topic", help="Topic of the measurements in a ROS bag with several topics.")
 @click.option("--nominal", type=PATH, help="Nominal description of a calibration: urcontrol.conf, a URDF.")
-@click.option("--out", type=PATH, help="Table, .csv. [default: print it]")
+@click.option("--out", type=PATH, help="Output table, .csv. [default: print the table]")
 @quiet_option
 def import_table(
     files: tuple[Path, ...], guessing: bool, yes: bool, map_file: Path | None, join: str | None,

@@ -64,7 +64,7 @@ PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 @shared.model_argument
 @click.argument("targets", type=shared.PATH)
 @click.option("--max-move", type=shared.Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
-              help="Largest correction of a joint.")  # fmt: skip
+              help="Largest correction of a joint value.")  # fmt: skip
 @click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
               help="Point brought to x, y, z: tool point, or origin of the measured link (flange).")  # fmt: skip
 @shared.session_option
@@ -132,7 +132,7 @@ def compensate(
     help="Tool whose point model.py, model.c and grid.csv contain. [default: the first]",
 )
 @shared.seed_option
-@click.option("--out", "folder", type=shared.PATH, help="Folder. [default: RESULT]")
+@click.option("--out", "folder", type=shared.PATH, help="Folder for the exported files. [default: RESULT]")
 @shared.quiet_option
 def export(
     result: Path, box: str | None, nodes: int, setup: str | None, tool: str | None, seed: int, folder: Path | None,
@@ -158,9 +158,9 @@ CHANGED, UNDECIDED = 3, 4
 @click.command()
 @shared.model_argument
 @click.argument("table", type=shared.PATH, required=False)
-@click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a row: 0.1mm, 0.5px.")
+@click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a measured row: 0.1mm, 0.5px.")
 @click.option(
-    "--next", "pose_by_pose", is_flag=True, help="Propose the next pose to measure, until the result is decided."
+    "--next", "pose_by_pose", is_flag=True, help="Propose the next pose to measure, until the check is decided."
 )
 @shared.in_order_option
 @shared.sights_options

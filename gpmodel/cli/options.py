@@ -64,17 +64,17 @@ scheduler_option = click.option(
 out_folder_option = click.option(
     "--out", "folder", type=PATH, help="Folder for the results; without a folder nothing is written."
 )
-page_option = click.option("--out", "folder", type=PATH, help="Folder for the page.")
+page_option = click.option("--out", "folder", type=PATH, help="Folder for the HTML page.")
 out_file_option = click.option("--out", type=PATH, help="A .csv file, or a folder for it. [default: print it]")
 standard_option = click.option(
     "--standard",
     multiple=True,
     default=("*",),
     metavar="PATTERN",
-    help="Geometric constants that are fitted: 'J* R?', or none.",
+    help="Geometric constants to fit: 'J* R?', or none.",
 )
 holdout_option = click.option(
-    "--holdout", default=0.3, show_default=True, type=float, help="Fraction of the poses held out."
+    "--holdout", default=0.3, show_default=True, type=float, help="Fraction of the poses held out from the fit."
 )
 in_order_option = click.option(
     "--in-order", is_flag=True,
@@ -96,7 +96,7 @@ joints_option = click.option(
     help="Result of a ball joint measured alone, used as prior of ball BALL.",
 )
 session_option = click.option(
-    "--session", is_flag=True, help="Row k is row k of the fitted session. [default: the end of the session]"
+    "--session", is_flag=True, help="Treat row k as row k of the fitted session. [default: the end of the session]"
 )
 
 

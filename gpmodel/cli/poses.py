@@ -24,7 +24,7 @@ from gpmodel.planning.simulate import INSTRUMENTS
     type=click.IntRange(1),
     help="Number of random poses within the joint limits.",
 )
-@click.option("--noise", help="Standard deviation of one measurement. [default: 0.03mm, 0.1px, 0.002deg]")
+@click.option("--noise", help="Standard deviation of one measured value. [default: 0.03mm, 0.1px, 0.002deg]")
 @click.option(
     "--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="Simulated instrument."
 )
@@ -32,7 +32,7 @@ from gpmodel.planning.simulate import INSTRUMENTS
     "--geometry-sigma",
     default="0mm",
     show_default=True,
-    help="Standard deviation of constant errors; 1 mm also means 1 mrad.",
+    help="Standard deviation of geometric errors; 1 mm also means 1 mrad.",
 )
 @click.option("--input", "inputs", multiple=True, metavar="COLUMN", help="'temperature [degC]=20:30', or '=20|30'.")
 @seed_option
@@ -81,15 +81,15 @@ def _input(text: str) -> tuple[str, str]:
               help="Result folder of fleet: first poses of a further machine of the type.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="Criterion of the poses. [default: spread; with --after rivals, effect or i-optimal]")  # fmt: skip
-@click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
+@click.option("--above", metavar="HEIGHT", help="Lowest height of the tool in the root frame, as in 200mm.")
 @click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Box of the tool point: 800:1200,-200:200,300:700mm.")
 @click.option("--instrument", metavar="X,Y,Z", help="Position of the instrument in the root frame: 3000,0,1500mm.")
 @click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
-              help="Direction of the target in the measured frame.")  # fmt: skip
+              help="Direction in which the reflector faces, in the measured frame.")  # fmt: skip
 @click.option(
     "--cone", type=float, metavar="DEG", help=f"Half-angle of the target's acceptance cone. [default: {CONE:g}]"
 )
-@click.option("--tool-point", metavar="X,Y,Z", help="Tool point in the measured frame. [default: its origin]")
+@click.option("--tool-point", metavar="X,Y,Z", help="Tool point in the measured frame. [default: origin of the frame]")
 @click.option(
     "--collisions/--no-collisions", default=True, help="Leave out poses in which the arm collides with itself."
 )

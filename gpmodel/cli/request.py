@@ -39,7 +39,7 @@ def resume_option(result: str = REPORT) -> Callable[[Command], Command]:
     """Add --resume to a command. result: name of the data file that a finished command writes."""
     return click.option(
         "--resume", type=PATH, is_eager=True, expose_value=False, callback=partial(_resume, result),
-        help="Folder of an interrupted run to resume; nothing else is needed.",
+        help="Folder of an interrupted run to resume; no other argument is needed.",
     )  # fmt: skip
 
 
