@@ -1,6 +1,6 @@
 """Run independent tasks in parallel, in threads or processes of this computer.
 
-A task contains all its data, including its random generator. The result of a task does not depend on the worker, on the
+A task contains all its data, including a random generator. The result of a task does not depend on the worker, on the
 order of the tasks, or on how often the task was restarted.
 """
 
@@ -37,7 +37,7 @@ ATTEMPTS = 3
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
-    """Return read-only table columns. Pickle calls this function in the receiving process."""
+    """Return columns of a table as read-only arrays, called by pickle in the receiving process."""
     return MappingProxyType(columns)
 
 
@@ -166,7 +166,7 @@ class Forks:
     A copy inherits all loaded modules and data; only results are pickled. A task with a result that cannot be pickled
     runs again in this process.
     Threads replace copies on Windows and macOS, after `multiprocessing.set_start_method` with a method other than fork,
-    and while other threads run, because a thread may hold a lock during the fork. A copy runs its own tasks one by one.
+    and while other threads run, because a thread may hold a lock during the fork. A fork runs its own tasks one by one.
     """
 
     workers: int = 0

@@ -22,7 +22,7 @@ LOCK = ".gpmodel.lock"
 _NUMBERS = {int, float, type(None)}
 _DRAFT = ".gpmodel-draft"
 _held = set[Path]()
-"""Folders locked by this process."""
+"""Output folders locked by this process of gpmodel."""
 SYNCHRONIZE, STILL_RUNNING = 0x100000, 0x102
 """Windows API: access right to wait for a process, and the return code of a process that still runs (WAIT_TIMEOUT)."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -160,8 +160,8 @@ def as_write_error(path: Path) -> Iterator[None]:
 
 
 def to_json(value: object) -> str:
-    """Return JSON text of nested dicts, sequences and NumPy numbers. A list of numbers is one line; non-finite numbers
-    are null."""
+    """Return JSON text of nested dicts, sequences and NumPy numbers. A list of numbers is written as one line of JSON;
+    non-finite numbers are null."""
     return "".join(_laid_out(plain(value), "\n")) + "\n"
 
 

@@ -19,7 +19,7 @@ Say = Callable[[Progress], None]
 
 
 def silent(progress: Progress) -> None:
-    """Ignore a progress message."""
+    """Ignore a progress message of a long call."""
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse standard JSON. Raises ValueError for invalid JSON, too deep nesting, or a number that is not finite."""
+    """Parse a JSON text. Raises ValueError for invalid JSON, too deep nesting, or a number that is not finite."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:

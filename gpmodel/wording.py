@@ -138,7 +138,7 @@ def listed(names: Sequence[str]) -> str:
 def turned(mrad: float, lever: float) -> str:
     """Describe the displacement of a point by a rotation, at a distance `lever`, m, from the flange.
 
-    mrad: the rotation. The text is empty for a lever below 0.5 mm.
+    mrad: rotation in mrad. The text is empty for a lever below 0.5 mm.
     """
     return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever > 5e-4 else ""
 

@@ -100,7 +100,7 @@ class ErrorSource:
 
     index: number of the error parameter in the thesis, 1 to 30 (Table 3.2).
     half_range: half the range of the error, m or rad.
-    kind: `systematic` or `stochastic` error.
+    kind: kind of the error, `systematic` or `stochastic`.
     source: text that names the origin of half_range.
     """
 

@@ -104,7 +104,7 @@ def ball_mass(radius: float, density: float) -> float:
 
 @dataclass(frozen=True)
 class ResponseFit:
-    """Result of `fit_response`.
+    """Result of fitting mass and stiffness to a measured response.
 
     mass: fitted mass, kg. stiffness: fitted static stiffness, N/m.
     resistance: fitted factor of the given impedance.
@@ -161,7 +161,7 @@ iterations (a few hundred are usually needed)."""
 class Losses:
     """Friction and magnetic losses of a joint.
 
-    friction: largest friction force F_c of the sliding contact, N. Below F_c the contact sticks.
+    friction: largest friction force F_c of the sliding contact, N. Below the friction force F_c the contact sticks.
     magnet_stiffness: stiffness k_m of the magnets, N/m, at most 0.
     loss_factor: loss factor eta of the magnets: imaginary part of their complex stiffness over |k_m|.
     Raises InputError for negative friction or loss.

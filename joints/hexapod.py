@@ -132,7 +132,7 @@ class Actuator:
 class Tau(SixLegged):
     """A Tau robot: a platform on six links of fixed length, in clusters of 3, 2 and 1 links on three actuators.
 
-    actuators: A1 to A3. The positions in `base` are in the frames of the actuators, after their motion.
+    actuators: actuators A1 to A3. The positions in `base` are in the frames of the actuators, after their motion.
     start: origin (3,) of the platform with all actuators at home, m; defines the lengths of the links.
     """
 

@@ -205,7 +205,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
     """Return positions (..., 3) of the tooling ball, m, in the measurement system by the extended forward kinematics.
 
     q: joint angles (..., 3), rad. parameters: errors (..., 30) in the order of THESIS_PARAMETERS, m and rad.
-    tooling_ball: centre (3,) of the ball in the frame after the yaw rotation, m. Leading shapes broadcast.
+    tooling_ball: centre (3,) of the ball in the frame after the yaw rotation, m. Leading array shapes broadcast.
 
         T = Tm_Ts · Ts_Tbr(q1) · Tbr_Tbp(q2) · Tbp_Tby(q3) · Tby_TCP
         T_k = Trans(Tx, Ty, Tz) · Rx(Rx + q1) · Ry(Ry + q2) · Rz(Rz + q3)

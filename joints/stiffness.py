@@ -140,7 +140,7 @@ _GRID = 14
 class RegimeFit:
     """Result of fitting the four regimes of a force-displacement curve.
 
-    curve: the fitted curve.
+    curve: the fitted force-displacement curve.
     stderr: standard errors of the parameters of the curve and of the magnets' coefficient, by name.
     rms: RMS residual of the tension, N.
     status: "ok", or the reason why the result is doubtful.

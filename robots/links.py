@@ -35,7 +35,7 @@ DOWN = (0.0, 0.0, -GRAVITY)
 class Link:
     """One motion of the chain and the rigid part that it carries.
 
-    name: name of the joint.
+    name: name of the joint that moves the link.
     placement: pose (4, 4), m, of the frame before the motion, in the frame after the preceding motion (for the first
     motion, in the root frame).
     axis: coordinate axis about or along which the link moves, one of gpmodel.mechanism.protocol.AXES.

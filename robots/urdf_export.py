@@ -130,7 +130,7 @@ def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
 
 def _add_motions(robot: ET.Element, mechanism: Chain, row: int, parent: str, origin: Array) -> ET.Element:
     """Add the joint of a link, then a mimic joint about its axis for every further coordinate that moves the link.
-    Return the last <link>. Raises InputError if the factor of the link's own coordinate is not 1 or -1."""
+    Return the last <link> element. Raises InputError if the factor of the link's own coordinate is not 1 or -1."""
     link, names, weights = mechanism.links[row], mechanism.joint_names, mechanism.coupling[row]
     own = names.index(link.name)
     if abs(weights[own]) != 1.0:

@@ -154,7 +154,7 @@ def check(
     mechanism, table: objects, or names and paths.
     standard: patterns of the geometric constants to be fitted later, such as "J* R?"; ("none",) for none.
     instrument: specification of the instrument, "15um + 6um/m": largest error of a coordinate.
-    progress: called with progress messages.
+    progress: function called with progress messages.
     command: command line, recorded in check.json.
     Raises InputError if the table cannot be read.
     """

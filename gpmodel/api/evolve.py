@@ -262,7 +262,7 @@ def evolve(
     mechanism, table: objects, or names and paths.
     model: result of `calibrate` or `discover`, or the folder or file of a result. The model is refitted to the training
     poses. With None, programs are evolved on the residual of the standard model.
-    effects: as in `calibrate`.
+    effects: named effects of the model, as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
     strategies: representations of programs, Linear and Tree; None for the defaults of the space.
     runs: number of runs of each representation.

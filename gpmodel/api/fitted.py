@@ -113,7 +113,7 @@ class RecordedResult:
 
 
 class FittedResult(RecordedResult, ABC):
-    """Result with a fitted model. Parameters and effects have the joint names of the table."""
+    """Calibration result with a fitted model. Parameters and effects have the joint names of the table."""
 
     @property
     @abstractmethod

@@ -85,10 +85,10 @@ class Model(Shown):
 
         poses: joint values and the other columns that the model needs, as in a measured table.
         as_measured: include the fitted errors of the instrument, to predict its measurements.
-        session: row k is row k of the fitted session. By default, effects that depend on the row or on time
+        session: treat row k as row k of the fitted session. By default, effects that depend on the row or on time
         (`of_its_session`) keep the value of the end of the session.
         in_order: the poses are taken in the order of the rows, which backlash and hysteresis need.
-        progress: called with progress messages.
+        progress: function called with progress messages.
         A formula that is not in the catalogue is extrapolated by at most a tenth of an input's range, then held
         constant. Raises InputError if a column, a set-up or a tool does not fit the model.
         """

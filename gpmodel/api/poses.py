@@ -72,7 +72,7 @@ WITHIN = 1.2
 """Target standard error at the poses of a task, relative to that with all candidate poses measured."""
 MOST_RIVALS = 3
 """Largest number of alternatives of each finding, the closest first. Poses that distinguish the closest alternatives
-also distinguish the others."""
+also distinguish further ones."""
 
 
 def design_problems(

@@ -90,7 +90,7 @@ class Regression(Shown):
         return aligned([("  law", "length", "R²", "rms", "nats"), *rows])
 
     def save(self, file: str | Path) -> None:
-        """Write the formulas as JSON. Raises InputError if the file cannot be written."""
+        """Write the formulas of the regression as JSON. Raises InputError if the file cannot be written."""
         rows = self.to_dataframe().to_dict("records")
         write_text(file_path(file, "file"), to_json({"schema": 1, "inputs": self.names, "laws": rows}))
 

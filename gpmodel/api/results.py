@@ -91,7 +91,7 @@ def _kept(model: Model, folder: Path) -> Iterator[None]:
 
 
 def save_model(model: Model, folder: Path) -> None:
-    """Write model.json into a folder. Raises InputError if the file cannot be written."""
+    """Write the fitted model as model.json into a folder. Raises InputError if the file cannot be written."""
     model.save(folder / MODEL)
 
 

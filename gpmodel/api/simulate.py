@@ -94,7 +94,7 @@ def simulate(
     geometry_sigma: standard deviation of every constant error: x means x m for lengths and x rad for angles.
     inputs: further columns by header with unit, "temperature [degC]": "20:30" (uniform), "20|30" (one of the values in
     each row) or values. A column `payload [kg]`, or the mechanism's payload, acts at the tool point.
-    seed: random seed.
+    seed: random seed of the simulation.
     Raises InputError for an invalid argument.
     """
     dimension, usual = NOISE.get(check_choice(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))

@@ -89,7 +89,7 @@ def read_table(
     every row of the table.
     mechanism: object, name or file.
     in_order: the rows are in the order of measurement, so that an effect may depend on earlier poses. A time column
-    that never decreases implies this order.
+    that never decreases implies the order of measurement.
     cameras, board, surfaces: descriptions of cameras, boards and touched surfaces, as TOML files or their content.
     Raises InputError for a missing or empty file, a column with an unknown or missing unit, missing or surplus joints,
     text among numbers, no measurement, or a payload column if the mechanism has a payload.

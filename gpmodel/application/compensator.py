@@ -29,8 +29,8 @@ class TrainingProblem:
 
 
 MILLIMETRE = 1e3
-"""Millimetres per metre. Compensators use millimetres, so that errors are of order one, like the constants of Table 5.1
-and the values of sin, cos and atan."""
+"""Conversion factor, mm per m. Compensators use millimetres, so that errors are of order one, like the constants of
+Table 5.1 and the values of sin, cos and atan."""
 
 
 def cartesian_task(

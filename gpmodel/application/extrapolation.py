@@ -33,7 +33,7 @@ def extrapolated(saved: SavedModel, fitted: Placement, problem: Linearised) -> A
 
     With the columns h of an effect and F of the fitted parameters at the fit, and g, G at later rows, the effect is
     known to ± σ/|h - F b| from the fit, with F b the part that the parameters absorbed. The effect moves later rows by
-    g - G b. The effects are effects of the catalogue with an input beyond its range. The unstated centre of mass of a
+    g - G b. Errors come from effects of the catalogue with an input beyond its range. The unstated centre of mass of a
     payload beyond the range is taken to lie within the lever of the tool point.
     """
     return np.column_stack(

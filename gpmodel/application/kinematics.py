@@ -144,7 +144,7 @@ def inverse(
     """Return nominal joint values for targets in the root frame, and a mask of the reached targets.
 
     Of several solutions, the solution nearest the middle of the joint ranges is returned. Initial values are the poses
-    of a random pool with the nearest tools, then random values. Unreached targets keep the nearest initial values.
+    of a random pool with the nearest tools, then random values. An unreached target keeps its nearest initial values.
     """
     pool = random_poses(saved.mechanism, POOL, rng)
     many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)

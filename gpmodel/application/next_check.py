@@ -34,7 +34,7 @@ EXCLUDED: tuple[Kind, ...] = ("zero", "tool", "size", "geometry")
 FALSE_ALARM = 0.05
 """Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
-"""Number of different poses before the first test. If one is wrong, five poses remain for registration and tool."""
+"""Number of different poses before the first test. With one wrong pose, five remain for registration and tool."""
 SEEN = 1e-6
 """Least share of a joint zero's displacement that registration does not absorb. With a smaller share, the poses do not
 determine the joint zero."""

@@ -152,7 +152,7 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 
 
 NORMAL = 3.0
-"""Kurtosis of a normal distribution."""
+"""Kurtosis of a normal distribution (fourth moment over squared variance)."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
 """Least number of different poses and of degrees of freedom to test a model: the values for four registered points."""
 

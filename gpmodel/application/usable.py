@@ -1,4 +1,4 @@
-"""Parts of a saved model that apply at unmeasured poses, and warnings outside its ranges."""
+"""Parts of a saved model that apply at unmeasured poses, and warnings outside the model's fitted ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

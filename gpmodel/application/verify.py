@@ -168,7 +168,7 @@ def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
 def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:
     """Return the later session without or with the instrument errors of the model, whichever fits better.
 
-    The later instrument may be a different one, or stand at a different position.
+    The later session may use another instrument, or another position of the instrument.
     """
     without = recheck(settled(usable(saved), dataset))
     if not any(e.of_the_instrument and v for e, v in zip(saved.model.effects, saved.theta, strict=True)):

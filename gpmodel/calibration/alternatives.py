@@ -114,7 +114,7 @@ class Alternative:
     value: value of the constant, in `unit`.
     sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
-    distance: distance of their displacements over all poses, in standard deviations of the noise.
+    distance: distance of the two displacements over all poses, in standard deviations of the noise.
     poses: joint values, rad and m, where the two explanations differ most. difference: distance there, m.
     session_inputs: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
@@ -247,7 +247,7 @@ def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Altern
 def session_inputs(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
-    An effect on the instrument has the input "instrument". Other effects have their inputs except joint values, the
+    An effect on the instrument has the input "instrument". Other effects have their inputs without joint values, the
     point and computed loads.
     """
     if any(INSTRUMENT in effect.slots for effect in effects):
@@ -305,7 +305,7 @@ def _telling(
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
     """Return the numbers, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
 
-    Unknowns of one table alone, such as anchors of distances, exist in `here` only.
+    Unknowns of one table alone, such as fixed ends of distances, exist in `here` only.
     """
     names = [c.problem.placement_names for c in (here, fresh)]
     pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]

@@ -85,7 +85,7 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
 """Largest number of halvings of a Gauss-Newton step. At a thousandth of a step, rounding decides if the cost falls."""
 REGAINED = 2
-"""Number of halvings fewer than at the last step, with which a line search begins. Short steps come in sequences."""
+"""Number of halvings fewer than at the last step, with which a line search begins. Short steps follow short steps."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
 smaller decrease oscillate across a valley."""

@@ -100,7 +100,7 @@ class Linearised:
 
     The first `placement` columns are registration, tool and ends of distances; the others are the model's effects.
     pose_of_row: pose number of each row. placement_names: names of the first `placement` columns.
-    observed: predicted measurements.
+    observed: predicted measurements of all poses.
     poses: table of the poses, with solved values of unmeasured joints.
     sizes: norms of the weighted columns before elimination of unmeasured joints.
     weights: weight by pose and component, positive if measured; of a rotation `rotation_weight`, m per rad.

@@ -10,8 +10,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio, the difference
-of repeats carries no information."""
+"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond the limit, the difference of
+repeats carries no information."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Whitening:
 
     A block holds one component (such as x) of all repeats of a pose. The covariance of a block of n rows is σ² (I + ρ
     11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), mean(v) over the block. block: block number of each row.
-    ratio: variance ratio ρ.
+    ratio: variance ratio ρ of shared to independent noise.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 

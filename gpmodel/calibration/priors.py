@@ -52,7 +52,7 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise all
     constants θ_all, also constants that are not fitted, have the standard deviation `reach`. The fitted constants θ = A
     θ_all have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry does not depend on which
-    constants are fitted. `reach` is estimated, at most TOLERANCE.
+    constants are fitted. The standard deviation `reach` is estimated, at most TOLERANCE.
     """
     if not (len(at) and without_positions(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -143,8 +143,8 @@ class JointPriors:
         """Select combinations of approximate joint values that determine an unknown better than the measurements do
         together with the prior rows `rows`.
 
-        free: mask of the fitted columns. sigma: noise of measurements, m. There is no such row if every joint is
-        measured.
+        free: mask of the fitted columns. sigma: noise of measurements, m. If every joint is measured, no prior row is
+        returned.
         """
         if problem.reduced is None:
             return cls(np.zeros((0, 0)), 0.0)

@@ -127,7 +127,7 @@ class UndeclaredCovariance:
 
     axes: displacement of each measurement per unit of each axis, times γ / n (standard deviation of the function).
     values: products of sinusoids of the joint values at each measurement.
-    lower: Cholesky factor L.
+    lower: Cholesky factor L of the covariance.
     """
 
     deviations: Undeclared

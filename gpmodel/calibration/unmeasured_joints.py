@@ -89,7 +89,7 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Eliminate the unmeasured joints of each pose from columns and residual. joints: their derivatives.
+    """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives by them.
 
     Returns columns, residual and the pose number of each row. A column of which the joints absorb all but ELIMINATED is
     set to zero. NaN in the residual means not measured.

@@ -50,8 +50,8 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 FITS = 2
 """Number of fits that weigh measurements of different units; a fit uses weights estimated by the fit before."""
 TRUSTED = 0.95
-"""Share of the measurements, with the smallest residuals, from which the noise is estimated. One in twenty may be an
-outlier."""
+"""Share of the measurements, with the smallest residuals, from which the noise is estimated. One measurement in twenty
+may be an outlier."""
 
 
 def with_weights(mechanism: Mechanism, poses: Poses) -> Poses:

@@ -50,7 +50,7 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
 
     The predicted point moves on a circle with the angle. The free angle minimises the distance from the measured point.
     Angles and standard model are fitted in turn, starting from `fit`, the standard model. The standard deviation of the
-    residual counts one unknown per pose.
+    residual allows for one unknown per pose.
     """
     now, free = fit, data
     for _ in range(PASSES):
@@ -94,8 +94,8 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 
 
 WEAK = 10.0
-"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below this ratio a wrong
-interpretation of the joint's column does not increase the residual. The residual of a column with a wrong sign is about
+"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below the ratio a wrong
+interpretation of a joint's column does not increase the residual. The residual of a column with a wrong sign is about
 twice the motion by the joint."""
 NOT_WORSE = 1.2
 """Largest ratio of the residual of registration and tool, with another interpretation of columns to the present one."""
@@ -207,8 +207,8 @@ class Factor:
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A factor of one column must reduce the residual by BETTER. A factor of all positions need not, because longer links
-    of the mechanism would fit equally well. fit: fit of the standard model.
+    A scale factor of one column must reduce the residual by the factor BETTER. A factor of all positions need not,
+    because longer links of the mechanism would fit equally well. fit: fit of the standard model.
 
     r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
     (HEALTHY). A: columns of all constants. c: column of a factor f.

@@ -49,7 +49,7 @@ def calibrate(
     """Fit registration, tool, geometric constants and named effects to TABLE; state the error after each step.
 
     The stated errors are errors on held-out poses; the saved model is fitted to all poses.
-    With --out: report.html with its figures, report.json, model.json.
+    With --out, gpmodel writes report.html with its figures, report.json, model.json.
     """
     missing = ""
     with nullcontext() if folder is None else locked_folder(folder):

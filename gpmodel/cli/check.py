@@ -73,7 +73,7 @@ def check(
 ) -> int:  # fmt: skip
     """Check TABLE: wrong units or columns, unreachable, similar, repeated or too few poses, jumps, outliers.
 
-    The exit status is 2 if the table is not fit for calibration. With --out: check.json.
+    The exit status is 2 if the table is not fit for calibration. With --out, gpmodel writes check.json.
     """
     with progress_line(quiet) as say:
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table

@@ -174,7 +174,7 @@ def evolve(
 
     The model is the standard model, or is given by --model or --effect. Every run is repeated on permuted residuals. An
     input is significant if clearly more programs contain the input on the residual than on permuted residuals.
-    With --out: programs.txt, report.json and report.html.
+    With --out, gpmodel writes programs.txt, report.json and report.html.
     """
     settings = [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
     with (

@@ -180,10 +180,10 @@ def verify(
     was at the corrected joint values.
     Exit status: 0 if the model is valid, 3 if the model is not valid or a pose exceeds the tolerance.
 
-    --next checks pose by pose. TABLE contains the measurements so far; omit TABLE before the first pose. The next pose
-    is printed, with exit status 4, until the check is decided. All tests together report a change for at most one
-    unchanged machine in twenty. With --out: verify.html, verify.csv, and verify.json, from which `certificate` makes a
-    certificate.
+    With --next, the machine is checked pose by pose. TABLE contains the measurements so far; omit TABLE before the
+    first pose. The next pose is printed, with exit status 4, until the check is decided. All tests together report a
+    change for at most one unchanged machine in twenty. With --out: verify.html, verify.csv, and verify.json, from which
+    `certificate` makes a certificate.
     """
     if pose_by_pose:
         so_far = verify_next(model, table, tolerance=tolerance, in_order=in_order, **sights)

@@ -110,7 +110,7 @@ def posed(
 
 
 def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
-    """Run numbered evolution tasks. Each finished run is stored and reported; stored runs are not repeated."""
+    """Run numbered tasks of evolution. Each finished run is stored and reported; stored runs are not repeated."""
 
     def said(done: int) -> None:
         if 0 < done < len(tasks) and context.late():

@@ -55,7 +55,7 @@ def discover(
     progress: Say = silent,
     kept: KeptRuns | None = None,
 ) -> Discovery:
-    """Run the whole discovery loop. Held-out poses only measure errors and select no effect.
+    """Run the whole search for missing effects. Held-out poses only measure errors and select no effect.
 
     At the end the held-out poses decide whether the model with the findings or the standard model is saved.
 

@@ -205,8 +205,8 @@ STEP = 1e-3
 """Step, relative to the constant, of the central difference by a constant inside a formula."""
 
 OWN = 0.005
-"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient. The
-differences that approximate the derivatives are exact to a tenth of this share."""
+"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient. Difference
+quotients approximate derivatives to a tenth of the share."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""

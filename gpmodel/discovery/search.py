@@ -15,8 +15,8 @@ class Search:
 
     runs: evolution runs of each representation in a round; permuted residuals get at most as many runs, but at least
     three in the first round.
-    strategies: representations that are evolved. Trees take twice the time of sequences and found nothing more on the
-        shipped table and ten planted shapes.
+    strategies: representations of evolved programs. Trees take twice the time of sequences and found nothing more on
+        the shipped table and ten planted shapes.
     selection: scheme that selects parents and survivors of evolution.
     stop_after: seconds after which no new round begins; None for no limit.
     max_effects: number of findings after which no new round begins.

@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 class Criteria:
     """Limits that a candidate effect has to pass to become a finding, and settings of the tests.
 
-    Tests of one candidate:
+    Limits of the tests of one candidate effect:
         significance: largest p-value of a candidate effect against permuted residuals.
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
@@ -26,7 +26,7 @@ class Criteria:
             smaller share, a relative model error of 0.01 decides the coefficient.
         scored_share: least unique share of a scored column; with less, its coefficient is a rounding error.
         largest_between: largest ratio of a basis function between poses to its size at the poses; beyond is a pole.
-    Limits for naming:
+    Limits for naming effects:
         head_start: gain, nats, by which an unnamed formula, without a cause, has to exceed a named effect.
         naming_margin: penalty of a smooth term for which formulas are candidates too, nats.
         tie: difference in gain within which the shortest of several formulas is selected, nats.

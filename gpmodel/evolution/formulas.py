@@ -3,8 +3,8 @@
 Founders (first formulas) in one input are the short forms of ``gpmodel.evolution.founders``. In several inputs a
 formula is a product or a sum of formulas in one input each, or a formula of a weighted sum or of a distance. Factors,
 summands, weights or the point are estimated as smooth functions first; their residual variance ranks the structures.
-Each part is then searched in one input. The resulting population is bred (``gpmodel.evolution.memetic``). Constants are
-fitted to the residual of the whole model at the site.
+Each factor or summand is then searched as a formula of one input. The resulting population is bred
+(``gpmodel.evolution.memetic``). Constants are fitted to the residual of the whole model at the site.
 """
 
 import itertools

@@ -4,7 +4,7 @@ Kinds of inputs: "angle", "short angle" (its range is too short for its period t
 "number" (dimensionless), and any other name, which is a quantity by itself: "length", "torque", "temperature". Angles
 may be arguments of periodic functions and of functions of the distance from a given angle, and may be added and
 subtracted. A quantity may be added only to a quantity of its own kind. Clocks may enter ramps, steps and exponential
-approaches. A threshold is a constant.
+approaches. A threshold in a formula is a constant.
 """
 
 from collections.abc import Sequence
@@ -126,8 +126,8 @@ class Typing:
     def repairs(self, operators: Sequence[Operator]) -> NDArray[np.uint16]:
         """Return the operator that replaces each operator, for every pair of kinds of quantities of its arguments.
 
-        An entry is 256 * op-code + number of the result's kind. An allowed operator replaces itself. An operator that
-        is not allowed is replaced by the next allowed operator with as many arguments; 0 if there is none. Table:
+        An entry is 256 * op-code + number of the result's kind. An allowed operator is replaced by itself. An operator
+        that is not allowed is replaced by the next allowed operator with as many arguments; 0 if there is none. Table:
         (op-codes, kind of the first argument, kind of the second argument or 0), empty without kinds.
         """
         count = len(self.kinds) if self.inputs else 0

@@ -83,8 +83,8 @@ def regression_front(
     The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(share of
     variance) + PRICE (nodes + constants), with the share in the residual and in explosions between the rows
     (``gpmodel.evolution.between``). Each link function gets one generation in turn; a population without progress is
-    replaced by a random one. A table of more than ROWS (1 + seconds) rows is searched on random rows. Constant
-    inputs are left out. Raises InputError if the response is constant or not finite.
+    replaced by a random one. A table of more than ROWS (1 + seconds) rows is searched on random rows. Inputs with a
+    constant value are left out. Raises InputError if the response is constant or not finite.
     """
     regression(response)
     _compile_loops()

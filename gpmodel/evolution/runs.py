@@ -24,7 +24,7 @@ Number = tuple[int, int]
 
 
 class KeptRuns:
-    """Storage of finished evolution runs, so that an interrupted search repeats only unfinished runs. The base class
+    """Storage of finished evolution runs, so that an interrupted search repeats only unfinished runs. This base class
     stores nothing."""
 
     def run(self, number: Number) -> Evolution | None:

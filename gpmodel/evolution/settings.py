@@ -89,7 +89,7 @@ class Tournament:
 class Budget:
     """Budget of one run of evolution, and its steps in addition to breeding.
 
-    population: number of programs.
+    population: number of programs of a generation.
     generations, seconds: limits of the run, whichever is reached first.
     target: gain of a program that ends the run.
     polish_every: generations between fits of the constants that the best programs carry (0: never).

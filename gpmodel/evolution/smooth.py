@@ -126,7 +126,7 @@ def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Ar
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
     """Fit a product of one function of each column; return its residual variance and the factors (columns, poses).
 
-    Factors have mean square 1. The factors are fitted in turn, from many starts of all factors but the first.
+    The factors have mean square 1. The factors are fitted in turn, from many starts of all factors but the first.
     """
     bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
     slowest = STARTS[min(len(columns), max(STARTS))]

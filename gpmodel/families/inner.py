@@ -175,7 +175,7 @@ def lag_constants(name: str, effects: Sequence[Effect], unit: Callable[[str, str
     """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, and the
     template. Without columns with memory (columns that depend on earlier poses) the result is None.
 
-    name: name of the candidate.
+    name: name of the candidate effect.
     unit: function from the kind of memory (lag, play, stop) and the source column to the unit of the constant.
     """
     read = dict.fromkeys(column for effect in effects for column in effect.inputs if constant_of(column))

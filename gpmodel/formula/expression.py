@@ -159,7 +159,7 @@ LARGEST_WRITTEN = 50_000
 
 
 class Columns(Protocol):
-    """Interface of named columns with one value per pose. Their length is the number of poses."""
+    """Interface of named columns with one value per pose. The length of the object is the number of poses."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...

@@ -1,7 +1,7 @@
 """Define the operators of formulas: Table 5.1 of Robertson (2003) and some more, with their exact meaning.
 
 The table in this module is the only definition of an operator. Programs, formulas in text, algebra and printing use the
-table. Compiled loops compute the functions on rows of numbers and are tested against it.
+table. Compiled loops compute equal functions and are tested against the table.
 
 * Arithmetic is IEEE and unprotected: a division by zero gives an infinity. The search rejects a program whose output is
 not finite. No smooth function contains a hidden branch.

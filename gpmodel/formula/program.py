@@ -39,7 +39,7 @@ class Node(NamedTuple):
 class Program:
     """A graph of operators without dead code: every node reaches an output, equal nodes are merged.
 
-    Arguments come before their use. A program evolved for a site has a few outputs, each a basis function.
+    Arguments precede operators. A program evolved for a site has a few outputs, each a basis function.
     """
 
     nodes: tuple[Node, ...]

@@ -27,9 +27,9 @@ Directions (effect combinations) with a smaller ratio would dilute the test."""
 class BlockInformation:
     """Information of the poses of m machines about a block of E effects.
 
-    values: estimates with unit variance.
+    values: estimates of the effects with unit variance.
     root: factor of the information, zero in directions that the poses do not determine.
-    count: number of determined directions.
+    count: number of directions that the poses determine.
     """
 
     values: Array

@@ -86,8 +86,8 @@ def _size(own: Sequence[Calibration], name: str) -> float:
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
     """Compute the information of the poses alone about the first effects of each fit, in units of `size`.
 
-    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ and C the effects and covariance of fits with `size` as prior. Later effects
-    belong to one machine alone."""
+    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ and C the effects and covariance of fits with `size` as prior. Later effects of a
+    fit belong to one machine alone."""
     of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
     own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
     inverse = np.linalg.inv(np.array(own) / np.outer(size, size))

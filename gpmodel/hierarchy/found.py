@@ -148,7 +148,7 @@ def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criter
 def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: Criteria) -> bool:
     """Return whether the net gain and the cross-validated gain over all machines pass the criteria.
 
-    The errors of each machine are in units of its noise.
+    The prediction errors of each machine are in units of its noise.
     """
     if nats <= criteria.minimum_nats:
         return False

@@ -104,7 +104,7 @@ class Further:
     """Fits of a further machine of a known type.
 
     steps: registration, the fit to its poses alone if there are enough, and the fit with the type's prior.
-    final: the last fit.
+    final: the last fit, to all poses.
     individual: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
     comparison: comparison with the type in the effects that are not outlying, or in all if at least half are outlying.
@@ -232,7 +232,7 @@ def fitted_with_prior(
 ) -> Calibration:
     """Fit poses with the prior of the type, except for the `outlying` effects, which keep their own priors.
 
-    The noise is the larger of the noise of the type and the noise of the fit `alone`.
+    The weight of the priors uses the larger noise of the type and of the fit `alone`.
     """
     names = set(outlying) | {e.name for block in fleet.blocks if block.name in outlying for e in block.effects}
     untaught = {name: effect for name, effect in effects_alone(fleet, prior).items() if name in names}

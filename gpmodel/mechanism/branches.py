@@ -34,8 +34,8 @@ def joint_range(joint: Joint) -> tuple[float, float]:
 
 
 def ranges(mechanism: Mechanism, measured: Array | None = None) -> tuple[Array, Array]:
-    """Return lower and upper limits of the joints, rad and m. For a joint without limits, they are the range of its
-    measured values."""
+    """Return lower and upper limits of the joints, rad and m. For a joint without limits, the measured range of its
+    values is returned."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
     if measured is None or not len(measured):
         return lower, upper
@@ -106,7 +106,7 @@ def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
 
 @runtime_checkable
 class Branched(Protocol):
-    """A mechanism of several chains. `slots` lists the slots of all chains one after the other.
+    """A mechanism of several kinematic chains. `slots` lists the slots of all chains one after the other.
 
     `transforms` gives each slot in the frame of the previous slot of the list `slots`. An error moves only later slots
     (frames) of its chain.

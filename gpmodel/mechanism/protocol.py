@@ -44,8 +44,8 @@ class Joint:
 
     kind: "revolute" (rad) or "prismatic" (m).
     lower, upper: limits in rad or m, infinite if unknown.
-    drive: (slot, axis, weight) of each twist that a unit error of this coordinate causes. A serial joint has one term;
-    an axis driven through a parallel bar has two.
+    drive: (slot, axis, weight) of each twist that a unit error of this coordinate causes. The drive of a serial joint
+    has one term, that of an axis driven through a parallel bar two.
     measured: False for a joint without a sensor, whose table values are approximate.
     """
 
@@ -128,7 +128,7 @@ class ClosedLoops(Protocol):
     def carried(self, frames: Array, slot: int) -> Array:
         """Return the twist (poses, 6, 6) of the slot `tool` per unit twist at another slot, by implicit derivatives.
 
-        frames: poses (slots, poses, 4, 4) of all slots in any common frame. Twists are in the frames of their slots.
+        frames: poses (slots, poses, 4, 4) of all slots in any common frame. The twists are in the axes of their slots.
         """
 
 
@@ -280,7 +280,7 @@ class Ball:
     name: name of the ball, empty if the mechanism has one.
     angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then about the y
     axis of the ball, then about its z axis.
-    shifts: {direction in words: shift of the ball's centre}. The last direction is along its lever or leg.
+    shifts: {direction in words: shift of the ball's centre}. The last direction is along the ball's lever or leg.
     axial: column of the load on the ball along its leg, N, positive for a pull; empty without a load.
     """
 

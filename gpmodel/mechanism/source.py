@@ -66,13 +66,13 @@ LONGEST_JOINT = 200
 class MechanismChoice:
     """Name or file of a mechanism, and its options.
 
-    frame: measured link.
+    frame: name of the measured link.
     payload: payload mass, kg, or None.
     payload_com: centre of mass (3,) of the payload in the measured frame, m, or None.
     gravity: acceleration of gravity (3,) in the root frame, m/s², or None for that of the description.
     added_mass, added_moment: mass, kg, beyond the description that the measured frame carries, and its first moment
     (3,) in this frame, kg m, or None.
-    description: text of the file, if known. `name` is then only a name, and no file is opened.
+    description: text of the file, if known. With a description, `name` is only a name, and no file is opened.
     """
 
     name: str

@@ -118,7 +118,7 @@ def _direction(table: TomlTable, key: str) -> Array:
 
 
 def _not_negative(table: TomlTable, key: str, default: float) -> float:
-    """Read a length, m. Raises InputError if the length is negative."""
+    """Read a length, m, from a TOML table. Raises InputError if the length is negative."""
     value = float(table.quantity(key, "length", default))
     if value < 0.0:
         raise InputError(f"{table.where}: {key} is {1e3 * value:g} mm, expected zero or more")

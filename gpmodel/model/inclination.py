@@ -25,7 +25,7 @@ STEEPEST = np.radians(89.9)
 
 @dataclass(frozen=True, eq=False)
 class Inclination:
-    """Measurements of inclinometers on links.
+    """Measurements of inclinometers on links of a mechanism.
 
     values: measured inclinations (poses, 2), rad.
     links: name, and number of the frame, of each link with an inclinometer.

@@ -52,7 +52,7 @@ class Observation(Protocol):
 
     @property
     def components(self) -> int:
-        """Number of components of one measurement."""
+        """Number of components of one measurement, such as 3 for a point."""
 
     @property
     def absolute(self) -> bool:

@@ -73,7 +73,7 @@ class Derived:
 
     @cached_property
     def columns(self) -> Mapping[str, Array]:
-        """All derived columns, by name."""
+        """All columns that the function derives from a table, by name."""
         return self.made()
 
     def column(self, name: str) -> Array | None:

@@ -20,7 +20,7 @@ plane about the long direction is unknown."""
 
 @dataclass(frozen=True)
 class Surface:
-    """A kind of touched surface.
+    """A kind of surface that a tool may touch.
 
     needs: number of touches that determine the surface.
     axes: numbers of the observable twists of the surface's frame.

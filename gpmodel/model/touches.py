@@ -41,7 +41,7 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """Kind of the touched surface."""
+        """Kind of the touched surface, a key of SURFACES."""
         return SURFACES[self.surface]
 
 
@@ -51,7 +51,7 @@ class Artefact:
 
     name: key of the body's unknowns.
     axes: numbers of the observable twists of the body's frame.
-    features: surfaces of the body.
+    features: touched surfaces of the body.
     """
 
     name: str

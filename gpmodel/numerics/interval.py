@@ -8,7 +8,7 @@ from scipy import special
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
-"""Degrees of freedom of alternative Student's t distributions of errors. The last one represents the normal."""
+"""Degrees of freedom of alternative Student's t distributions of errors. The last value represents a normal."""
 NODES = 40
 """Number of normal distributions whose mixture approximates Student's t."""
 STEPS = 100

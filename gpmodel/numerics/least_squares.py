@@ -116,7 +116,7 @@ def root_mean_square(values: Array) -> float:
 
 
 REGULAR = 1e-13
-"""Least eigenvalue of the normal matrix of unit columns, relative to the largest. Smaller eigenvalues are rounding
+"""Least eigenvalue of the normal matrix of unit columns, relative to the largest. Eigenvalues below it are rounding
 errors."""
 
 INSIDE = 1e-6
@@ -180,7 +180,7 @@ class Omitted:
     their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
     rows: numbers of the omitted rows.
-    there: omitted rows W of the basis.
+    there: rows W of the basis that are omitted.
     factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.
     """

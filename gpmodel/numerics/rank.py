@@ -120,7 +120,7 @@ class Ranking:
     """Candidate columns in order of preference, from which a well-conditioned subset is selected.
 
     fixed: orthonormal columns that are always included.
-    candidates: columns of unit length.
+    candidates: candidate columns of unit length.
     order: numbers of the candidates, the preferred first; candidates near zero are left out.
     """
 

@@ -306,7 +306,7 @@ def choose_for_all(questions: Sequence[Design], count: int) -> IntArray:
 def deviations(questions: Sequence[Design], order: IntArray) -> Array:
     """Return the largest predicted standard deviation of all problems after 0, 1, 2, ... of the poses `order`.
 
-    A standard deviation is NaN if an unknown is not determined.
+    A predicted standard deviation is NaN if an unknown is not determined.
     """
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
@@ -346,10 +346,10 @@ def _deviations(question: Design, order: IntArray) -> Array:
 class Aim:
     """A purpose for which poses are selected, and the curve of precision over the number of poses.
 
-    text: description of the purpose.
+    text: description of the purpose of the poses.
     choose: design problems that select the poses; if empty, poses are spread evenly, away from the poses `taken`.
     measure: design problems; the curve plots the largest standard deviation of these problems.
-    label: label of the curve.
+    label: label of the curve of precision.
     factor: factor from a standard deviation to the unit of the label.
     inverse: True if the curve plots the inverse standard deviation, so that larger is better.
     pairs: {name of two causes: design problem that separates the causes, ratio of their probabilities}.

@@ -169,7 +169,7 @@ def geometric_problem(mechanism: Mechanism, pool: Array, noise: float) -> Design
 def type_problem(prior: ErrorModel, pool: Array) -> Design:
     """Return the I-optimal design problem of the tool position, m, over a pool, for a machine of a known type.
 
-    Registration and tool are unknown. Effects that depend on inputs other than the pose are omitted.
+    Registration and tool of the machine are unknown. Effects that depend on inputs other than the pose are omitted.
     prior: effects with their standard deviation between machines of the type, and the noise.
     """
     mechanism, data, noise = prior.mechanism, _at_points(prior.mechanism, pool), prior.noise or 1.0

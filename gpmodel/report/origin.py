@@ -153,8 +153,8 @@ def repeatability(data: Dataset) -> Repeatability | None:
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
     """Return the pose accuracy of ISO 9283, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
-    Before calibration: nominal geometry with fitted registration and tool. After: the last model. The poses are
-    held-out poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out.
+    Before calibration: nominal geometry with fitted registration and tool. After calibration: the last model. The poses
+    are held-out poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out.
     Pose accuracy is None if fewer than FEWEST poses were measured FEWEST times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)

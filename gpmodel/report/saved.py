@@ -32,7 +32,7 @@ def as_dict(report: Report) -> dict[str, object]:
 
 
 def to_json(report: Report) -> str:
-    """Return the text of report.json."""
+    """Return the text of the file report.json."""
     return files.to_json(as_dict(report))
 
 

@@ -51,7 +51,7 @@ class ErrorsMm:
 
     @property
     def known(self) -> bool:
-        """True if the set of poses is not empty, so that errors are known."""
+        """True if errors of at least one pose are known."""
         return self.rms_mm is not None
 
 
@@ -148,8 +148,8 @@ class MechanismRecord:
 class ParameterRecord:
     """One parameter of the fitted model, SI units.
 
-    stderr: standard error. A parameter held at zero has kept = False; its stderr is the standard deviation of its prior
-    if no measurement depends on the parameter, and None if other parameters absorb the parameter.
+    stderr: standard error of the value. A parameter held at zero has kept = False; its stderr is the standard deviation
+    of its prior if no measurement depends on the parameter, and None if other parameters absorb the parameter.
     """
 
     name: str

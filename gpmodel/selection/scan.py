@@ -22,7 +22,7 @@ class Scan:
     """Compute the gain of each candidate group of effects when the group is added to a model.
 
     table: products of all candidate columns with the model's columns, whitened. classes: products XᵀC⁻¹X and XᵀC⁻¹y of
-    the columns X of groups with equally many effects. among: groups to score; the gain of other groups is set to -∞.
+    the columns X of groups with equally many effects. among: groups to score; the gain of others is set to -∞.
     """
 
     def __init__(self, active: Active, among: IntArray | None = None) -> None:

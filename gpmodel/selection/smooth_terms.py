@@ -198,7 +198,7 @@ class SiteProducts:
         return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
-        """Return XᵀC⁻¹X and XᵀC⁻¹y at some sites for functions with these values. X: columns of the functions."""
+        """Return XᵀC⁻¹X and XᵀC⁻¹y at some sites for functions with these values. X: columns of the basis functions."""
         sites, poses, _ = self.inner[some].shape
         there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
         return values.T @ there / sigma2, self.rhs[some] @ values / sigma2

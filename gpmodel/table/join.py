@@ -58,9 +58,9 @@ def ways(first: Sheet, second: Sheet) -> Iterator[str]:
 def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
     """Join the rows of two sheets; rows of either sheet without a partner are listed in the field `said`.
 
-    how: rule of the join. `order`; `No = Point`, a column of each sheet, or one name for both; `time t = Time Stamp`,
-    the row of the first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises
-    InputError if the join is impossible.
+    how: rule by which rows are joined. `order`; `No = Point`, a column of each sheet, or one name for both; `time t =
+    Time Stamp`, the row of the first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`.
+    Raises InputError if the join is impossible.
     """
     if how == ORDER:
         if len(first.cells) != len(second.cells):

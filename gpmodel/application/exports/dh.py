@@ -52,7 +52,7 @@ class Across:
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
     """Decompose a transform (4, 4) between two frames, each with its axis along z.
 
-    parallel: angle between the axes, rad, below which beta is used. It is also used if the common normal is beyond FAR.
+    parallel: angle between the axes, rad, below which beta is used. Beta is also used if a common normal is beyond FAR.
     """
     angle = tilt(frame)
     found = _hayati(frame) if angle < parallel else _normal(frame)

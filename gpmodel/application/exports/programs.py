@@ -32,7 +32,7 @@ NAME = 24
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
-    """Write compensated targets as a robot program; j1 and p1 are row 1. Rows without values become comments.
+    """Write compensated targets as a robot program; j1 and p1 are row 1. Targets without values become comments.
 
     Raises InputError for another mechanism's joints, more than six joints, or if no row has corrected values.
     """

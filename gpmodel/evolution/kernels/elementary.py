@@ -15,7 +15,7 @@ from gpmodel.evolution.kernels.compiler import of_a_number
 ANGLE_LIMIT = 1e5
 
 _NEAREST = 6755399441055744.0
-"""The number 1.5 * 2^52. Adding this number to x rounds x to an integer, in the lowest bits."""
+"""The number 1.5 * 2^52; adding it to x rounds x to an integer, in the lowest bits."""
 
 _INVERSE_PI = 1.0 / math.pi
 _PI_HIGH = 3.1415926534682512

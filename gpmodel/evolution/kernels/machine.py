@@ -165,7 +165,7 @@ def decode_trees(
 
     A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. An
     operator that the tables do not allow is replaced by another or by its argument.
-    stack, kinds: scratch space.
+    stack, kinds: scratch arrays.
     """
     typed, base, row_kinds = tables.replacements.size > 0, tables.base, tables.kinds[len(tables.start) :]
     count = 0
