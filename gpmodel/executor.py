@@ -59,7 +59,7 @@ def cores() -> int:
 
 @dataclass(frozen=True)
 class Threads:
-    """Threads of this process. workers: number of threads, 0 for one per core.
+    """Workers that are threads of this process. workers: number of threads, 0 for one per core.
 
     Compiled loops and linear algebra run in parallel; Python code does not.
     """

@@ -74,7 +74,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def finished_folder(out: Path) -> Iterator[Path]:
-    """Yield a temporary folder, whose files replace the files in `out` only if the block ends without an error.
+    """Yield a temporary folder, whose files replace the files in `out` only if the caller's code ends without an error.
 
     Raises InputError if `out` is a file or another process works in `out`, WriteError if a file cannot be written.
     """

@@ -89,7 +89,7 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
 
 
 MOST_DRAWS = 1_000_000
-"""Largest number of random draws over all poses; they need a quarter of a gigabyte."""
+"""Largest number of random draws over all poses; more would need over a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 

@@ -31,8 +31,8 @@ _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_
 def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
     """Return the gravity loads of SerialChain.loads: at every joint the force R' M g and the moment R' (S - M p) x g.
 
-    M: mass beyond the joint, kg. S: its first moment about the root, kg m. R, p: rotation and origin of the frame after
-    the joint's motion, in the root frame. g: acceleration of gravity.
+    M: mass beyond the joint, kg. S: first moment of this mass about the root, kg m. R, p: rotation and origin of the
+    frame after the joint's motion, in the root frame. g: acceleration of gravity.
     """
     payload = np.asarray(payload, dtype=np.float64)
     if not any(link.mass for link in chain.links) and not np.any(payload):
@@ -123,7 +123,7 @@ class SerialChain(Chain):
     def with_mass(self, mass: float, moment: Array) -> SerialChain:
         """Return the arm with a further mass, kg, and first moment (3,) in the measured frame, kg m, on the last link.
 
-        Raises InputError if the last link then has no mass.
+        Raises InputError if the changed last link has no mass.
         """
         last, total = self.links[-1], self.links[-1].mass + mass
         if not abs(total) > 0.0:

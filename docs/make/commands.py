@@ -1,4 +1,4 @@
-"""The reference of the commands: what `--help` says of each."""
+"""Make the reference page of all commands from their `--help`."""
 
 import click
 
@@ -13,7 +13,7 @@ One program, `gpmodel`. This is what `gpmodel COMMAND --help` prints. Exit statu
 
 
 def pages() -> dict[str, str]:
-    """The one page of all commands."""
+    """Return the reference page of all commands, by its path."""
     root = click.Context(main, info_name="gpmodel", max_content_width=WIDTH, terminal_width=WIDTH)
     parts = [INTRODUCTION]
     for name in main.list_commands(root):

@@ -1,4 +1,4 @@
-"""The pages of the catalogue: every family with its source, what it does to the tool, and what looks like it."""
+"""Make the pages of the effect catalogue: source, displacement of the tool, and similar effects of each family."""
 
 import io
 from collections.abc import Iterable
@@ -21,20 +21,20 @@ from gpmodel.table.dataset import unmeasured
 
 POSES = 120
 MECHANISMS = ("irb6400r", str(Path(__file__).with_name("rail.toml")), "spherical-joint", "hexapod")
-"""The first of these that a family has an instance on is what its page shows."""
+"""Mechanisms for the page of a family; the first mechanism on which the family has an effect is used."""
 ALIKE = 0.7
-"""Correlation, after all constant geometry is taken off, from which a family is named a rival."""
+"""Correlation of displacements, without the part of geometric constants, from which two families are called similar."""
 SHOWN = 4
-"""Effects of a candidate, and rivals of a family, that are looked at."""
+"""Largest number of effects of a candidate, and of similar families of a family."""
 MOST = 40
-"""Instances of a family that are looked at."""
+"""Largest number of candidates of a family that are compared."""
 INK, MARK = "#8a8f98", "#3b82f6"
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses of a mechanism as somebody would measure them, and an orthonormal basis (3 N, G) of all its constant
-    geometry."""
+    """Random poses of a mechanism, and an orthonormal basis (3 N, G) of the displacements by all its geometric
+    constants."""
 
     title: str
     mechanism: Mechanism
@@ -43,17 +43,17 @@ class Scene:
     geometry: Array
 
     def columns(self, effects: Iterable[gp.Effect]) -> Array:
-        """What one unit of each effect does to the tool (3 N, E), m."""
+        """Return the displacement of the tool by one unit of each effect, (3 N, E), m."""
         seen = effect_columns(tuple(effects), ErrorModel(self.mechanism, ()), self.poses, self.observed)
         return seen[:, :3].reshape(3 * POSES, -1)
 
     def left(self, columns: Array) -> Array:
-        """Columns (3 N, E) without what constant geometry can take up."""
+        """Project the displacements by geometric constants out of columns (3 N, E)."""
         return columns - self.geometry @ (self.geometry.T @ columns)
 
 
 def scene(name: str) -> Scene:
-    """Random poses with a payload, a temperature, a time and directions of approach, rows in order."""
+    """Draw random poses with payload, temperature, time and directions of approach, with ordered rows."""
     arm, rng = gp.load_mechanism(name), np.random.default_rng(0)
     q = random_poses(arm, POSES, rng)
     time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
@@ -79,7 +79,7 @@ def scene(name: str) -> Scene:
 
 
 def pages() -> dict[str, str | bytes]:
-    """The overview, a page a family, and its picture."""
+    """Return the overview, and a page and a picture for each family, by path."""
     with threadpool_limits(1, user_api="blas"):
         scenes = [scene(name) for name in MECHANISMS]
         found = {f.name: _first(f, scenes) for f in gp.catalogue}
@@ -94,7 +94,7 @@ def pages() -> dict[str, str | bytes]:
 
 
 def _first(family: gp.Family, scenes: list[Scene]) -> tuple[Scene, gp.Candidate] | None:
-    """The instance that moves the tool most, on the first mechanism that has one."""
+    """Return the candidate of a family that displaces the tool most, on the first mechanism that has one."""
     for place in scenes:
         instances = [_candidate(c) for c in family.build(place.mechanism, place.poses.states)]
         sizes = [float(np.abs(place.left(place.columns(c.effects[:SHOWN]))).max()) for c in instances[:MOST]]
@@ -108,7 +108,7 @@ def _candidate(offer: gp.Candidate | gp.Effect) -> gp.Candidate:
 
 
 def _signatures(families: list[gp.Family], place: Scene) -> dict[str, list[tuple[str, Array]]]:
-    """Family -> (instance, what of each of its effects geometry cannot take up, of length 1)."""
+    """Return {family: (candidate, unit displacements of its effects without the part of geometric constants)}."""
     out: dict[str, list[tuple[str, Array]]] = {}
     for family in families:
         candidates = [_candidate(c) for c in family.build(place.mechanism, place.poses.states)][:MOST]
@@ -122,7 +122,7 @@ def _signatures(families: list[gp.Family], place: Scene) -> dict[str, list[tuple
 
 
 def _rivals(family: str, signatures: dict[str, list[tuple[str, Array]]]) -> list[tuple[str, str, str, float]]:
-    """(rival family, its instance, ours, correlation), the closest of each family first."""
+    """Return similar families, the most similar first: family, its candidate, the compared candidate, correlation."""
     own = signatures[family]
     found = []
     for other, rows in signatures.items():
@@ -136,12 +136,12 @@ def _rivals(family: str, signatures: dict[str, list[tuple[str, Array]]]) -> list
 
 
 def _moves(place: Scene, candidate: gp.Candidate) -> Array:
-    """What one unit of each of its effects does together (N, 3), m."""
+    """Return the displacement (N, 3), m, of the tool by one unit of each effect of a candidate together."""
     return place.columns(candidate.effects).sum(axis=1).reshape(POSES, 3)
 
 
 def _picture(place: Scene, candidate: gp.Candidate) -> bytes:
-    """From above and from the side, an arrow a pose; and how far it moves the tool over the first thing it reads."""
+    """Draw the displacements from above and from the side, and their size over the first input of the effect."""
     move, at = _moves(place, candidate), place.observed.tip[:, :3, 3]
     size = np.linalg.norm(move, axis=1)
     share = move / max(float(size.max()), 1e-300)

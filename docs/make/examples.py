@@ -1,4 +1,4 @@
-"""An example of every public name: its page shows what follows its comment here. The tests run the whole file, in
+"""Examples of all public names; the page of a name shows the lines after its comment. The tests run the whole file, in
 order, in a folder with the shipped table as table.csv."""
 
 import numpy as np

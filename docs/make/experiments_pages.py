@@ -1,4 +1,4 @@
-"""The pages of the benchmarks: the README of every experiment as it is in the repository, with its figures."""
+"""Make the pages of the benchmarks from the README and the figures of every experiment."""
 
 import re
 import subprocess
@@ -8,7 +8,7 @@ LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def pages(root: Path) -> dict[str, str | bytes]:
-    """Page or picture by its place in the site: validation/NAME.md and validation/NAME/figures/..."""
+    """Return pages and pictures by path in the site: validation/NAME.md and validation/NAME/figures/..."""
     home = root / "experiments"
     made: dict[str, str | bytes] = {"validation/experiments.md": _rewritten(home / "README.md", home, "")}
     for readme in sorted(home.glob("*/README.md")):
@@ -21,7 +21,7 @@ def pages(root: Path) -> dict[str, str | bytes]:
 
 
 def _date(readme: Path) -> str:
-    """When the results beside a page were last written, as the history says; empty where there is none."""
+    """Return the date of the last commit of an experiment's results; empty without history."""
     results = sorted(p.name for p in readme.parent.glob("*.json")) or [readme.name]
     done = subprocess.run(
         ["git", "log", "-1", "--format=%cs", "--", *results], cwd=readme.parent, capture_output=True, text=True
@@ -30,7 +30,7 @@ def _date(readme: Path) -> str:
 
 
 def _rewritten(readme: Path, home: Path, note: str) -> str:
-    """The text with its links to other READMEs and figures led to their pages, others to files as plain code."""
+    """Redirect links to READMEs and figures to the pages of the site; other links to files become plain code."""
 
     def link(match: re.Match[str]) -> str:
         picture, text, target = match.groups()

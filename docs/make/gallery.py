@@ -1,4 +1,4 @@
-"""The robots of the gallery: machines with something that nobody declared, made by `gpmodel simulate`."""
+"""The robots of the gallery: simulated machines with an undeclared effect."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Robot:
 
     @property
     def commands(self) -> tuple[list[str], list[str]]:
-        """Arguments of `gpmodel`: to make its table, and to find what is missing; the catalogue alone, in seconds."""
+        """Return the arguments of `gpmodel` that simulate the machine's table, and that find the missing effect."""
         table, out = f"{self.name}.csv", self.name
         made = ["simulate", "--mechanism", self.mechanism, "--effect", self.planted, "--poses", str(self.poses)]
         made += ["--noise", "0.03mm", "--geometry-sigma", "0.3mm", "--seed", "7", *self.more, "--out", table]

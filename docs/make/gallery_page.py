@@ -13,11 +13,11 @@ only and took seconds. From the root of the repository, `make pictures` takes th
 """
 
 WIDTH = 78
-"""Longest line of a command, characters."""
+"""Largest number of characters of a line of a command on the page."""
 
 
 def pages() -> dict[str, str]:
-    """Return the page, by its path."""
+    """Return the page of the gallery, by its path."""
     parts = [INTRODUCTION]
     for robot in ROBOTS:
         commands = "\n".join(_in_lines(["gpmodel", *command]) for command in robot.commands)

@@ -1,4 +1,4 @@
-"""Pages of the documentation that are made of the package itself, each time it is built: none can be out of date."""
+"""Hooks of mkdocs that generate pages of the documentation from the package at every build."""
 
 import re
 import sys
@@ -22,13 +22,13 @@ import public_names  # noqa: E402
 import gpmodel as gp  # noqa: E402
 
 WORKER = "https://unpkg.com/iframe-worker/shim"
-"""Where the theme would load it from."""
+"""Address from which the mkdocs theme would load the search worker."""
 CODE, OPTION = re.compile(r"<code>[^<]*</code>"), re.compile(r"(?<![\w-])--?[a-z][\w-]*")
-"""Code in a sentence, and an option in it."""
+"""Patterns of code in a sentence of a page, and of a command-line option in the code."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Lists the generated pages in the navigation, where mkdocs.yml has the first of their kind."""
+    """List the generated pages in the navigation, at the place of the first page of each kind in mkdocs.yml."""
     lists = {
         "reference/api.md": [f"reference/{name}.md" for name in gp.__all__],
         "effects/index.md": [f"effects/{family.name}.md" for family in gp.catalogue],
@@ -39,7 +39,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def _with(item: object, lists: Mapping[str, list[str]]) -> object:
-    """An entry of the navigation; one that leads to the first page of a list has all of it below."""
+    """Return an entry of the navigation; an entry of the first page of a list contains the whole list."""
     if isinstance(item, dict):
         return {title: _with(inside, lists) for title, inside in item.items()}
     if isinstance(item, list):
@@ -48,7 +48,7 @@ def _with(item: object, lists: Mapping[str, list[str]]) -> object:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the generated pages and pictures to those of docs/."""
+    """Add the generated pages and pictures to the files of docs/."""
     made: list[Mapping[str, str | bytes]] = [commands.pages(), public_names.pages(), effects.pages()]
     made += [experiments_pages.pages(ROOT), gallery_page.pages(), documents()]
     for pages in made:
@@ -58,21 +58,21 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Keeps the names of options in a sentence whole: a browser breaks lines after a hyphen."""
+    """Prevent line breaks within names of options, which a browser would insert after a hyphen."""
     return CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), html)
 
 
 def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
-    """The same of the page that a server shows where there is none."""
+    """Let the search of the error page load its worker from the root of the site."""
     return output.replace(WORKER, "/iframe-worker.js")
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
-    """Has the search of pages that are opened as files load its worker from beside them, not from the network."""
+    """Let the search load its worker from the site's files, not from the network."""
     return output.replace(WORKER, get_relative_url("iframe-worker.js", page.url))
 
 
 def documents() -> dict[str, str]:
-    """CONTRIBUTING.md and CHANGELOG.md as pages, their links led to the pages of the site."""
+    """Return CONTRIBUTING.md and CHANGELOG.md as pages, with links to the pages of the site."""
     named = {"contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
     return {page: (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](") for page, name in named.items()}

@@ -1,7 +1,7 @@
-"""Makes the pictures of README and gallery anew: python docs/make/pictures.py [NAME ...]
+"""Make the pictures of README and gallery: python docs/make/pictures.py [NAME ...]
 
-Runs the demo and the robots of the gallery, opens their pages in headless Chromium, light and dark, and writes
-docs/pictures/*.png. NAME: `demo` or robots of the gallery, all without one.
+The program runs the demo and the robots of the gallery, opens their pages in headless Chromium, light and dark, and
+writes docs/pictures/*.png. NAME: `demo` or robots of the gallery; by default all.
 """
 
 import shutil
@@ -17,21 +17,21 @@ ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 SIZE = (1200, 800)
 SCHEMES = {"dark": 0, "light": 1}
-"""What Chromium calls the colour schemes that a page may prefer."""
+"""Names in Chromium of the colour schemes of a page, light and dark."""
 BROWSER = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), ""
 )
 COLOURS = 128
-"""Of a picture; a page has fewer."""
+"""Number of colours of a PNG picture; a page has fewer."""
 
 
 def gpmodel(*arguments: str, folder: Path) -> None:
-    """Run a command in `folder`, where docs/ is found as in the repository."""
+    """Run a gpmodel command in `folder`, with docs/ available as in the repository."""
     subprocess.run([sys.executable, "-m", "gpmodel", *arguments, "--quiet"], cwd=folder, check=True)
 
 
 def shoot(page: Path, name: str) -> None:
-    """The first screen of a page as pictures/NAME-light.png and NAME-dark.png."""
+    """Save the first screen of a page as pictures/NAME-light.png and NAME-dark.png."""
     for scheme, number in SCHEMES.items():
         target = PICTURES / f"{name}-{scheme}.png"
         subprocess.run(
@@ -47,7 +47,7 @@ def shoot(page: Path, name: str) -> None:
 
 
 def main(names: list[str]) -> None:
-    """All pictures, or those of the names."""
+    """Make all pictures, or the pictures with the given names."""
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

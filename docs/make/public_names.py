@@ -1,4 +1,4 @@
-"""The reference of the library: a page for every public name, with an example that the tests run."""
+"""Make the reference of the library: a page for every public name, with an example that the tests run."""
 
 from importlib import import_module
 from pathlib import Path
@@ -11,12 +11,12 @@ TITLES = {
     "Fitting and searching": ("calibrate", "discover", "evolve", "regress", "fleet"),
     "Results": ("load_result", "Model", "load_model", "verify", "compare", "certificate", "export", "explain"),
 }
-"""What is on none of these lists is a setting, or what effects and mechanisms are made of."""
+"""Headings of the public names; a name without a heading is a setting, or a part of effects or mechanisms."""
 OTHERS = "Settings, effects and mechanisms"
 
 
 def examples() -> dict[str, str]:
-    """Public name -> the lines of its example: what follows `# name: ...` in examples.py, up to the next."""
+    """Return {public name: lines of its example}, the lines in examples.py between `# name: ...` comments."""
     found: dict[str, str] = {}
     for block in EXAMPLES.read_text(encoding="utf-8").split("\n# ")[1:]:
         head, _, lines = block.partition("\n")
@@ -25,7 +25,7 @@ def examples() -> dict[str, str]:
 
 
 def pages() -> dict[str, str]:
-    """The overview, and a page a name."""
+    """Return the overview of public names, and a page for each name, by path."""
     listed = {name for names in TITLES.values() for name in names}
     groups = {title: [n for n in names if n in gp.__all__] for title, names in TITLES.items()}
     groups[OTHERS] = [name for name in gp.__all__ if name not in listed]
@@ -44,7 +44,7 @@ def _page(name: str, example: str) -> str:
 
 
 def _path(name: str) -> str:
-    """Where a public name is defined; gpmodel knows it as its home."""
+    """Return the dotted path of the definition of a public name."""
     home = gp._HOME[name]
     return f"gpmodel.{home}.{name}"
 

@@ -1,4 +1,4 @@
-"""Errors of a model at inputs and payloads beyond the ranges of its fit."""
+"""Errors of a fitted model at inputs and payloads beyond the fitted ranges."""
 
 from collections.abc import Iterator
 

@@ -70,7 +70,7 @@ class PlanningContext:
         """Make the candidate poses from joint values. Their rows follow the last measured row; other inputs come from
         random rows of the measured table.
 
-        Raises InputError if the model does not contain its table.
+        Raises InputError if the model file does not contain the fitted table.
         """
         data = measured_table(saved)
         measured = prepare(saved.mechanism, data)

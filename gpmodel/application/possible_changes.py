@@ -276,7 +276,7 @@ class NamedChange:
 
     chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
     changes that explain the later poses as well, and of those in the 95 % credible set, the most probable first.
-    shares: posterior probabilities of the change and of its rivals.
+    shares: posterior probabilities of the change and of the rivals.
     """
 
     name: str

@@ -18,7 +18,7 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
-"""Tool point relative to the flange, m. It lies off every axis, so that errors of the last joint displace it."""
+"""Tool point relative to the flange, m. The point lies off every axis, so that errors of the last joint displace it."""
 CONDITION_LIMIT = 1e4
 """Condition number above which a combination of errors is not fitted, because joint values are rounded."""
 

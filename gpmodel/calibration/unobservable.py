@@ -152,7 +152,7 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
 
 
 def unobservable_sentences(kinds: tuple[Observation, ...]) -> Iterator[str]:
-    """Yield sentences on parameters that the instruments cannot determine; none with positions in their frame."""
+    """Yield sentences on parameters that the instruments cannot determine; none with positions in their own frame."""
     read = [kind for kind in kinds if kind.readings.any()]
     if not without_frame(read):
         return

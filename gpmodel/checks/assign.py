@@ -50,8 +50,8 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Yield three columns whose names differ in one letter, x, y and z. Of several columns with one name, the next
-    column to the right is used."""
+    """Yield three columns whose names differ in one letter, x, y and z. If a name occurs several times, the next column
+    to the right is used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:

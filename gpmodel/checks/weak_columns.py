@@ -30,7 +30,7 @@ PASSES = 3
 """Number of alternating fits of joint angles and model. For a wrist column of other rows and a point 1.5 mm off the
 axis, the first fit reduces the residual from 1.1 to 0.17 mm, the third fit to 0.05 mm."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
-"""Trial joint angles, rad. Half their step moves the point of a wrist by less than the noise."""
+"""Trial joint angles, rad. Half the angle step moves the point of a wrist by less than the noise."""
 LESS, FAR_LESS = 1.5, 3.0
 """Least factor by which free joint angles must reduce the standard deviation of the residual, in each fit and in all.
 With a correct column, free angles remove one of three coordinates, a factor of 1.2."""

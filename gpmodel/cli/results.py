@@ -71,9 +71,9 @@ def certificate(
 ) -> None:
     """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
-    If DIR has a verification (verify.json), the verification is certified, because its accuracy is measured. The
-    accuracy after a calibration or a discovery is predicted, and the certificate states so. Fields without a value stay
-    blank.
+    If DIR has a verification (verify.json), the verification is certified, because the accuracy of a verification is
+    measured. The accuracy after a calibration or a discovery is predicted, and the certificate states so. Fields
+    without a value stay blank.
     """
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)

@@ -169,7 +169,7 @@ def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
-    """Keep the poses of the training and test rows, and renumber these rows."""
+    """Keep the poses of the training and test rows, and renumber the rows."""
     kept = np.sort(np.concatenate([train, heldout]))
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 

@@ -13,7 +13,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
 CHUNK = 256
-"""Number of candidate effects projected at once; it affects memory and no result."""
+"""Number of candidate effects projected at once; the number affects memory and no result."""
 NOISE_STEPS = 5
 """Number of iterations that estimate the noise under a prior; a further iteration changes no printed digit."""
 

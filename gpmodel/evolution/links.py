@@ -146,7 +146,7 @@ def summed(terms: Sequence[tuple[Program, float]]) -> Program:
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
     """Return {column of `table` (points, terms): coefficient}. A coefficient is fitted if its gain exceeds its penalty.
-    If there are more columns than points, the last are left out."""
+    If there are more columns than points, the last columns are left out."""
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0)[: len(there) - 1].tolist()
     held: dict[int, float] = {}

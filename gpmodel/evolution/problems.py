@@ -144,7 +144,7 @@ class SlotProblem:
             raise InputError(f"targets: {self.targets.poses} poses, inputs have {self.inputs.values.shape[1]}")
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
-        """Return the problem at one site with the inputs of the given names."""
+        """Restrict the search problem to one site and to the inputs of given names."""
         return replace(self, inputs=self.inputs.select(names), targets=self.targets.only(site))
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:

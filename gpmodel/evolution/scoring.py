@@ -46,7 +46,7 @@ class Scores:
         return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def join(self, other: "Scores") -> "Scores":
-        """Return the scores of these programs followed by the scores of ``other``."""
+        """Return the scores of this population followed by the scores of ``other``."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
         return Scores(*(np.concatenate(pair) for pair in pairs))
 

@@ -166,7 +166,7 @@ class Columns(Protocol):
 
 
 class Basis(Protocol):
-    """Interface of a basis function of the columns of a pose. `str(basis)` is its expression."""
+    """Interface of a basis function of the columns of a pose. `str(basis)` is its expression as text."""
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ returns the deviation z of each machine from the others, and the chance (p-value
 class Deviations:
     """Deviation of each machine from the other machines, in each parameter or block of effects: one row per machine.
 
-    z: deviation in units of the standard deviation expected from the others.
+    z: deviation in units of the standard deviation that the other machines imply.
     chance: probability of a deviation at least as large for any machine of a fleet without outliers.
     inside: True if the machine is no outlier.
     """

@@ -56,7 +56,7 @@ def select_for_type(
 
     Each step adds the candidate with the largest pooled net gain, if the candidate is typical (no effect of a minority)
     and passes the limits of `criteria`: net gain, permutation null over all candidates, pooled cross-validation. After
-    each addition, a selected candidate that fails given the others is deleted for good.
+    each addition, a selected candidate that fails given all other candidates is deleted for good.
     """
     rng, chosen, left = np.random.default_rng(seed), dict[str, Candidate](), dict(proposals)
     while left:

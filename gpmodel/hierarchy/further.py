@@ -266,6 +266,6 @@ def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Po
 
 
 def _known(fit: Calibration, poses: Poses) -> float:
-    """Return the RMS over poses of the standard deviation of the predicted point, m."""
+    """Return the RMS over poses of the predicted point's standard deviation, m."""
     observed = observe(fit.model, poses, fit.theta, fit.placement)
     return float(np.sqrt(np.mean(point_deviation(saved_model(fit, poses), poses, observed) ** 2)))

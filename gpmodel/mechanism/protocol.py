@@ -44,7 +44,7 @@ class Joint:
 
     kind: "revolute" (rad) or "prismatic" (m).
     lower, upper: limits in rad or m, infinite if unknown.
-    drive: (slot, axis, weight) of each twist that a unit error of this coordinate causes. The drive of a serial joint
+    drive: (slot, axis, weight) of each twist that a unit error of the coordinate causes. The drive of a serial joint
     has one term, that of an axis driven through a parallel bar two.
     measured: False for a joint without a sensor, whose table values are approximate.
     """

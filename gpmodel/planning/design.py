@@ -49,7 +49,7 @@ class Constraints:
     tool: tool point (3,) in the measured frame, m.
     sight: line of sight to the instrument; None for no constraint.
     collisions: True to exclude poses in which the arm collides with itself, if the shape of the arm is known.
-    measured: joint values (poses, joints); their range limits the joints that have no joint limits.
+    measured: joint values (poses, joints), whose range limits the joints without joint limits.
     """
 
     box: Array = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
@@ -348,7 +348,7 @@ class Aim:
 
     text: description of the purpose of the poses.
     choose: design problems that select the poses; if empty, poses are spread evenly, away from the poses `taken`.
-    measure: design problems; the curve plots the largest standard deviation of these problems.
+    measure: design problems; the curve plots the largest of their predicted standard deviations.
     label: label of the curve of precision.
     factor: factor from a standard deviation to the unit of the label.
     inverse: True if the curve plots the inverse standard deviation, so that larger is better.

@@ -123,7 +123,7 @@ class Unfinished:
         write_json(self.folder / f"{name}.json", sealed)
 
     def read(self, name: str) -> dict[str, Any] | None:
-        """Read the record `name` of this request; return None if it is missing or damaged."""
+        """Read the record `name` of the unfinished command; return None if missing or damaged."""
         path = self.folder / f"{name}.json"
         try:
             content = read_json(path)
@@ -191,7 +191,7 @@ class RunFiles(KeptRuns):
     files: Unfinished
 
     def run(self, number: Number) -> Evolution | None:
-        """Read a finished run; its settings are not stored."""
+        """Read a finished run of evolution, without the run's settings."""
         content = self.files.read(_run(number))
         if content is None:
             return None

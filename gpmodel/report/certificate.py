@@ -209,7 +209,7 @@ def html(found: Certificate, kicker: str) -> str:
 
 
 def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
-    """State whether the errors after calibration are within the stated tolerance; empty without one."""
+    """State whether the errors after calibration are within the stated tolerance; empty without a tolerance."""
     if tolerance_mm is None or errors is None:
         return ""
     beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"

@@ -200,7 +200,7 @@ class Active:
         """Prior variance a of each group for the next step: the best one for one or two columns, else a |μ|² / γ.
 
         μ: posterior mean of the group's coefficients in units of √a. γ: effective number of coefficients that the data
-        determine (MacKay). The update needs no eigenvalues, and is stationary at the largest evidence.
+        determine (MacKay). The update of variances needs no eigenvalues, and is stationary at the largest evidence.
         """
         (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))

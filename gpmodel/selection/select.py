@@ -39,9 +39,9 @@ def select(
 ) -> Selection:
     """Select groups of effects by marginal likelihood, and propose new groups for the residual, until nothing changes.
 
-    A step adds and deletes groups, then exchanges groups. Smooth terms and sinusoids are proposed for the residual of
-    every new selection; `propose` proposes other groups, such as formulas, if the selection is unchanged. poses: poses
-    of the calibration. workers: processes that search for proposals.
+    A step of the selection adds and deletes groups, then exchanges groups. Smooth terms and sinusoids are proposed for
+    the residual of every new selection; `propose` proposes other groups, such as formulas, if the selection is
+    unchanged. poses: poses of the calibration. workers: processes that search for proposals.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)

@@ -83,7 +83,7 @@ LARGEST_FILE = 128 << 20
 """Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Largest number of columns of a table. The reading time grows with this number; a model accepts 500 inputs."""
+"""Largest number of columns of a table. The reading time grows with the columns; a model accepts 500 inputs."""
 LONGEST_HEADER = 100_000
 """Largest number of characters of the first line of a table file: a hundred per column."""
 

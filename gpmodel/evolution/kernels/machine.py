@@ -28,7 +28,7 @@ def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], p
 
     ``op_codes[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
     is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. The code has no branch
-    on the op-code, because a processor could not predict it.
+    on the op-code, because a processor could not predict branches.
     """
     found = 0
     is_operand = 0
