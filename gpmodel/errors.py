@@ -37,7 +37,7 @@ class GpModelError(Exception):
 
 
 class InputError(GpModelError, ValueError):
-    """Invalid input: a table, a mechanism description, an argument. Line breaks in the message become spaces.
+    """Invalid input: a table, a mechanism description, an argument. Line breaks in a message become spaces.
 
     argument: name of the invalid argument, which begins the message; empty if a file is invalid.
     said: message without the argument, so that a command line can write the option's name instead.

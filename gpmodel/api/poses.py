@@ -245,7 +245,7 @@ class PosesResult(Shown):
         return table_text(self.to_dataframe(), CONTROLLER_DECIMALS)
 
     def summary(self) -> str:
-        """Return text: number of poses, purpose of the poses, and precision as a function of the number of poses."""
+        """Return text on the proposed poses: number, purpose, and precision against the number of poses."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not has_collision_shape(self.mechanism):

@@ -177,7 +177,7 @@ class ExplainResult:
     tellable: frozenset[str] | None
 
     def summary(self) -> str:
-        """Return text: site and size of the finding, possible causes, and measurements that would decide."""
+        """Return the explanation as text: site and size of the finding, possible causes, decisive measurements."""
         from gpmodel.report import explain as explained
 
         return explained.text(self.found)

@@ -108,7 +108,7 @@ class NextCheck(Shown):
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
-        """Return text: the result of the check so far and the pose to measure next."""
+        """Return the state of the check as text: the result so far and the pose to measure next."""
         from gpmodel.report.verification_words import sentences
 
         lines = [] if self.judged is None else [*sentences(self.judged.record)]

@@ -137,7 +137,7 @@ class Pool:
         return tuple(HiddenChange(name, moved) for name, moved in found.items())
 
     def next(self, taken: Array) -> Array:
-        """Return the joint values of the next pose to measure, none of the poses `taken`.
+        """Return the joint values of the next pose to measure, which is not among the poses `taken`.
 
         The pose maximises the information on the suspected (else the least determined) change, relative to the tool's
         displacement. Without a test, the pose farthest from `taken` is returned.

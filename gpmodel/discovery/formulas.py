@@ -62,7 +62,7 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
     """Yield the sum of all groups at one site with at most two inputs as one candidate, with the names of the groups.
-    Groups that all have names are added up only if they have one input and at most NUMBERS coefficients."""
+    If all groups have named causes, they are added up only for one input and at most NUMBERS coefficients."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)

@@ -83,8 +83,8 @@ class Targets:
 
     @cached_property
     def begins(self) -> IntArray:
-        """Position of the first number other than zero in each row of ``cross`` at the first site. After a QR
-        decomposition many numbers are zero."""
+        """Position of the first nonzero number in each row of ``cross`` at the first site. After a QR decomposition
+        many numbers are zero."""
         return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
 
     @cached_property

@@ -28,7 +28,7 @@ TILT = 2e-5
 by half a kelvin per kelvin of ambient change."""
 
 ZERO = 1e-5
-"""Typical drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
+"""Typical drift of an encoder zero, rad/K. Gong (2000) reports a drift of up to 0.2 mrad over 20 K."""
 
 SHORTEST = 0.02
 """Shortest link for which thermal growth is a candidate, m. A shorter link grows by less than 5 µm in 10 K."""

@@ -281,7 +281,7 @@ class FleetPart(msgspec.Struct, frozen=True):
 
     @property
     def effects(self) -> tuple[SharedPart, ...]:
-        """Every parameter but the noise: the effects without priors of their own."""
+        """Every parameter except the noise: the effects without priors of their own."""
         return self.parameters[:-1]
 
     @property

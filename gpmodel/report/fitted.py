@@ -118,7 +118,7 @@ def unabsorbed_rms(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Eff
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
     The RMS is over the displacement minus its projection on the columns of all other unknowns, with registration and
-    tool. The result is None with unmeasured joints, which absorb a part at every pose, and without measured points.
+    tool. The RMS is None with unmeasured joints, which absorb a part at every pose, and without measured points.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3

@@ -203,7 +203,7 @@ def _clusters(q: Array) -> IntArray:
     Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
     of pairs doubles. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all poses,
-    no clusters are reported. Repeats of a pose count once.
+    no clusters are reported. Repeats count as one pose.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)

@@ -89,7 +89,7 @@ class Export:
 
     file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
     missing: effects that the file cannot express. notes: notes on joint values and on the state of the machine. Errors
-    are NaN if not computed.
+    that were not computed are NaN.
     """
 
     file: str

@@ -53,7 +53,7 @@ def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
 def offsets_text(nominal: str, calibrated: str, note: str) -> str:
     """Write robot_calibration's offsets of every joint whose origin changed: origin = nominal · offset.
 
-    The offsets of a joint are NAME_x .. NAME_z, m, and the rotation vector NAME_a .. NAME_c, rad.
+    The offsets of a joint are NAME_x to NAME_z, m, and the rotation vector NAME_a to NAME_c, rad.
     """
     before, lines = origins(nominal), commented(note)
     for name, after in origins(calibrated).items():
