@@ -8,17 +8,17 @@ from pathlib import Path
 import click
 
 from gpmodel.api.arguments import load_mechanism
+from gpmodel.api.discover import discover
 from gpmodel.api.simulate import SimulationResult, simulate
 from gpmodel.characters import shell_quoted
 from gpmodel.checks.notes import unknowns
 from gpmodel.cli.console import command_line, place_for, progress_line, what_next
-from gpmodel.cli.discover import looked, search_of, write_results
+from gpmodel.cli.discover import write_results
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.terminal import echo
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Forks
 from gpmodel.files import folder_for, write_text
-from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.cells import table_text
 
@@ -55,18 +55,14 @@ def demo(
             echo(f"{', '.join(written)} in {folder}: simulated, {EFFECT} undeclared")
         return
     folder_for(folder)
-    options = {
-        "runs": 0 if mine else Search().runs, "holdout": None, "folds": None, "noise": None, "condition_limit": None,
-        "instrument": None, "no_catalogue": False, "in_order": False, "seed": seed, "representation": "linear",
-    }  # fmt: skip
     with resources.as_file(resources.files("gpmodel") / "data" / TABLE) as shipped, progress_line(quiet) as say:
         table = shipped
         if mine:
             table = place_for(folder / "table.csv", "") or shipped
             made = like_mine(mine, seed)
             made.save(table, command=command_line(), seed=seed)
-        search = search_of(options, None, Forks(workers or 0))
-        found = looked(MechanismChoice(mine or MECHANISM).load(), table, options, say, search)
+        search = Search(runs=0 if mine else Search().runs, executor=Forks(workers or 0))
+        found = discover(mine or MECHANISM, table, seed=seed, search=search, progress=say, command=command_line())
         write_results(found, folder, say, workers or 0)
     if not quiet:
         echo(found.summary())

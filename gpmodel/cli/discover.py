@@ -19,7 +19,6 @@ from gpmodel.api.table import read_table
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, deliver, progress_line, what_next
-from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import keeping, resume_option
 from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
@@ -28,7 +27,6 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
-from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import folder_for
 from gpmodel.hierarchy.found import FindingsFile
@@ -82,7 +80,17 @@ def discover(
         scheduled(scheduler, workers or 0) as executor,
         keeping(RunFiles, mechanism, (Search(), Criteria()), say) as kept,
     ):
-        found = looked(mechanism, table, asked, say, search_of(asked, minutes, executor), kept)
+        sights = {name: asked.pop(name) for name in shared.SIGHTS}
+        dataset = read_table(table, mechanism, in_order=asked.pop("in_order"), **sights)
+        search = Search(
+            runs=asked.pop("runs"), strategies=strategies_named(asked.pop("representation"), "slot"),
+            stop_after=None if minutes is None else 60 * minutes, executor=executor,
+        )  # fmt: skip
+        offered = () if asked.pop("no_catalogue") else catalogue
+        found = look(
+            mechanism, dataset, search=search, candidates=offered, **asked, progress=say, kept=kept,
+            command=command_line(),
+        )  # fmt: skip
         write_results(found, folder, say, workers or 0)
     if not quiet:
         echo(found.summary())
@@ -93,37 +101,6 @@ def write_results(found: DiscoveryResult, folder: Path, say: Say, workers: int =
     """Announce and write the report of a search. workers: number of processes, as in `DiscoveryResult.report`."""
     say(Progress("writing the report"))
     found.report(folder, workers=workers)
-
-
-def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:
-    """Return the settings of the search from command-line options. minutes: time after which no new round begins."""
-    strategies = strategies_named(asked["representation"], "slot")
-    ends = None if minutes is None else 60 * minutes
-    return Search(runs=asked["runs"], strategies=strategies, stop_after=ends, executor=executor)
-
-
-def looked(
-    mechanism: LoadedMechanism, table: Path, asked: Mapping[str, Any], say: Say, search: Search,
-    kept: RunFiles | None = None,
-) -> DiscoveryResult:  # fmt: skip
-    """Run the search for effects with the command-line options; finished runs of genetic programming are saved."""
-    return look(
-        mechanism,
-        read_table(table, mechanism, in_order=asked["in_order"], **{k: asked.get(k) for k in SIGHTS}),
-        holdout=asked["holdout"],
-        folds=asked["folds"],
-        seed=asked["seed"],
-        search=search,
-        candidates=() if asked["no_catalogue"] else catalogue,
-        condition_limit=asked["condition_limit"],
-        joints=asked.get("joints", ()),
-        like=asked.get("like"),
-        noise=asked["noise"],
-        instrument=asked["instrument"],
-        progress=say,
-        kept=kept,
-        command=command_line(),
-    )
 
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")

@@ -1,7 +1,7 @@
 """Observations: measurements of points, orientations, distances and other kinds, with one interface."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, Protocol, cast
 
 import numpy as np
@@ -103,6 +103,8 @@ class OfTip:
     """Base class of measurements that depend on the frame of the tip alone."""
 
     kept: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[str] = "m"
+    metres: ClassVar[float | None] = 1.0
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """Return no derivatives: of all frames, only the frame of the tip changes the measurement."""
@@ -117,6 +119,7 @@ class WithoutUnknowns(OfTip):
     """Base class of measurements of the tip without unknowns other than registration and tool."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    components: ClassVar[int] = 3
     values: Array
 
     @property
@@ -143,11 +146,8 @@ class Point(WithoutUnknowns):
     """Position of the tip in the frame of the instrument: values (poses, 3), m."""
 
     values: Array
-    name: str = field(default="position", init=False)
-    unit: str = field(default="m", init=False)
-    metres: float = field(default=1.0, init=False)
-    components: int = field(default=3, init=False)
-    oriented: bool = field(default=False, init=False)
+    name: ClassVar[str] = "position"
+    oriented: ClassVar[bool] = False
 
     def subset(self, rows: IntArray) -> "Point":
         return Point(self.values[rows])
@@ -167,10 +167,9 @@ class Orientation(WithoutUnknowns):
     """
 
     values: Array
-    name: str = field(default="rotation", init=False)
-    unit: str = field(default="rad", init=False)
-    metres: None = field(default=None, init=False)
-    components: int = field(default=3, init=False)
+    name: ClassVar[str] = "rotation"
+    unit: ClassVar[str] = "rad"
+    metres: ClassVar[float | None] = None
 
     @property
     def oriented(self) -> bool:
@@ -203,11 +202,9 @@ class Distance(OfTip):
 
     name: str
     values: Array
-    unit: str = field(default="m", init=False)
-    metres: float = field(default=1.0, init=False)
-    components: int = field(default=1, init=False)
-    absolute: bool = field(default=False, init=False)
-    oriented: bool = field(default=False, init=False)
+    components: ClassVar[int] = 1
+    absolute: ClassVar[bool] = False
+    oriented: ClassVar[bool] = False
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:

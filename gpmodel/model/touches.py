@@ -11,6 +11,7 @@ through its touches is an unknown of the linear problem.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -82,10 +83,8 @@ class Touches(OfTip):
     bodies: tuple[Artefact, ...]
     body: IntArray
     feature: IntArray
-    unit: str = field(default="m", init=False)
-    metres: float = field(default=1.0, init=False)
-    absolute: bool = field(default=False, init=False)
-    oriented: bool = field(default=False, init=False)
+    absolute: ClassVar[bool] = False
+    oriented: ClassVar[bool] = False
 
     @cached_property
     def components(self) -> int:

@@ -185,7 +185,10 @@ def test_where_nothing_was_interrupted_nothing_is_resumed(tmp_path: Path) -> Non
 @pytest.mark.usefixtures("brief")
 def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
     """With two folds instead of the usual five."""
-    with mock.patch.object(demo_command, "Search", partial(Search, runs=1)), mock.patch.object(api, "FOLDS", 2):
+    with (
+        mock.patch.object(demo_command, "Search", partial(Search, runs=1, population=48, generations=4)),
+        mock.patch.object(api, "FOLDS", 2),
+    ):
         result = run("demo", "--out", tmp_path / "demo", "--workers", 1)
     assert result.exit_code == 0, result.output
     assert {p.name for p in (tmp_path / "demo").iterdir()} == RESULTS

@@ -137,13 +137,14 @@ def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_a
         path.parent.mkdir(exist_ok=True)
         path.touch()
     asked = ["cell.csv", "--mechanism", "irb6400r", "--joint", "L3.fixed=rig", "--cameras", "two.toml", "--out", "out"]
-    with mock.patch("gpmodel.cli.discover.looked", side_effect=KeyboardInterrupt) as looked:
+    interrupted = mock.patch("gpmodel.cli.discover.look", side_effect=KeyboardInterrupt)
+    with interrupted as look, mock.patch("gpmodel.cli.discover.read_table") as read:
         assert run("discover", *asked).exit_code == 130
         for name in ("out", "cell.csv", "two.toml", "rig"):
             shutil.move(name, there)
         assert run("discover", "--resume", "there/out").exit_code == 130
-    options = looked.call_args.args[2]
-    assert (options["joints"], options["cameras"]) == (("L3.fixed=there/rig",), "there/two.toml")
+    options = look.call_args.kwargs["joints"], read.call_args.kwargs["cameras"]
+    assert options == (("L3.fixed=there/rig",), "there/two.toml")
     (there / "rig" / "model.json").write_text("other")
     assert "--joint L3.fixed has changed" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
     (there / "two.toml").unlink()
