@@ -1,6 +1,7 @@
 """Tables of a README, written by the command whose results they show."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 
@@ -14,3 +15,10 @@ def write_table(readme: Path, name: str, header: Sequence[str], rows: Iterable[S
     text = readme.read_text(encoding="utf-8")
     before, rest = text.split(begin)
     readme.write_text(f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}", encoding="utf-8")
+
+
+def save_rows(file: Path, head: Mapping[str, object], name: str, rows: Iterable[object]) -> None:
+    """Replace a JSON file by a head and a list of rows, one a line."""
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    file.with_suffix(".part").write_text(f'{json.dumps(head, indent=1)[:-2]},\n "{name}": [\n{lines}\n]}}\n')
+    file.with_suffix(".part").replace(file)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from experiments.coverage.measure import FAMILIES, Row, found, known
+from experiments.tables import save_rows
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Forks
 
@@ -48,7 +49,7 @@ def main() -> None:
     for _, row in side_by_side(judged, jobs):
         rows.append(row)
         if settings.out:
-            save(rows, command, settings.out)
+            save_rows(settings.out, {"command": command, "summary": summarised(rows)}, "robots", rows)
     print(json.dumps(summarised(rows), indent=1))
 
 
@@ -92,14 +93,6 @@ def counted(rows: list[Row]) -> dict[str, Any]:
         out["better"] = sum(row["better"] for row in rows)
         out["fresh over standard, worst"] = round(max(row["fresh_mm"] / row["standard_mm"] for row in rows), 3)
     return out
-
-
-def save(rows: list[Row], command: str, file: Path) -> None:
-    """Summary and robots as they stand, a line a robot."""
-    head = json.dumps({"command": command, "summary": summarised(rows)}, indent=1)[:-2]
-    lines = ",\n".join(json.dumps(row) for row in rows)
-    file.with_suffix(".part").write_text(f'{head},\n "robots": [\n{lines}\n]}}\n')
-    file.with_suffix(".part").replace(file)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from experiments.blind.case import Case, effect
 from experiments.coverage.truth import exact, hall, poses_at
 from experiments.options import parsed
 from experiments.spherical_joint.rigs import JOINT, rig_of
+from experiments.tables import save_rows
 from gpmodel.api.discover import discover
 from gpmodel.application.over_causes import over_causes
 from gpmodel.application.predict import coordinate_deviations
@@ -172,9 +173,7 @@ def main() -> None:
     for kind, k, ask in jobs:
         if (kind, chosen.first + k) not in done and time.monotonic() - started < chosen.seconds:
             rows.append(ask(chosen.first + k))
-            head = json.dumps({"command": command, "summary": summarised(rows)}, indent=1)[:-2]
-            lines = ",\n".join(json.dumps(row) for row in rows)
-            chosen.out.write_text(f'{head},\n "machines": [\n{lines}\n]}}\n')
+            save_rows(chosen.out, {"command": command, "summary": summarised(rows)}, "machines", rows)
     print(json.dumps(summarised(rows), indent=1))
 
 

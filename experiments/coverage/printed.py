@@ -19,6 +19,7 @@ import numpy as np
 from experiments.coverage.asked import Row, asked
 from experiments.coverage.fleets import fleet_asked
 from experiments.coverage.truth import STRATA
+from experiments.tables import save_rows
 from gpmodel.numerics.interval import coverage_factor
 
 KINDS = ("effect", "geometry", "place", "turn", "tool")
@@ -40,7 +41,7 @@ def main() -> None:
         other = settings.stratum and list(STRATA)[number % len(STRATA)] != settings.stratum
         if number not in done and not other:
             rows.append(ask(number))
-            save(rows, command, sum_up(rows), settings.out)
+            save_rows(settings.out, {"command": command, "summary": sum_up(rows)}, "machines", rows)
     print(json.dumps(sum_up(rows), indent=1))
 
 
@@ -99,14 +100,6 @@ def of_fleets(rows: list[Row]) -> dict[str, Any]:
 ASKED: dict[str, tuple[Callable[[int], Row], Callable[[list[Row]], dict[str, Any]]]] = {
     "machines": (asked, summarised), "fleets": (fleet_asked, of_fleets),
 }  # fmt: skip
-
-
-def save(rows: list[Row], command: str, summary: dict[str, Any], file: Path) -> None:
-    """Summary and machines as they stand, a line a machine."""
-    head = json.dumps({"command": command, "summary": summary}, indent=1)[:-2]
-    lines = ",\n".join(json.dumps(row) for row in rows)
-    file.with_suffix(".part").write_text(f'{head},\n "machines": [\n{lines}\n]}}\n')
-    file.with_suffix(".part").replace(file)
 
 
 if __name__ == "__main__":

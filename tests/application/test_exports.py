@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from exports_cases import fitted, fresh, points
 from instances import some
 from latex_reading import read_latex
 from scipy.interpolate import RegularGridInterpolator
@@ -53,33 +54,14 @@ REFUSED = {"exports/ur_kinematics.yaml", "exports/robodk.csv"}
 """Exports that not every arm allows: links unlike UR's, axes nearly parallel."""
 
 
-def fitted(name: str) -> Model:
-    effects = [text.replace("J1.", "shoulder_pan_joint.") if name == "ur5" else text for text in EFFECTS[name]]
-    effects = [text.replace("J2.", "panda_joint2.") if name == "panda" else text for text in effects]
-    mechanism, made = robot(80, 3, name, effects=tuple(effects))
-    return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
-
-
 @pytest.fixture(scope="module", params=some(EFFECTS, "irb6400r", "ur5"))
 def model(request: pytest.FixtureRequest) -> Model:
-    return fitted(request.param)
+    return fitted(request.param, EFFECTS[request.param])
 
 
 @pytest.fixture(scope="module")
 def exports(model: Model) -> Exports:
     return exports_of(model.saved, Place.of(model.saved))
-
-
-def points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Predict points, m."""
-    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
-    return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
-
-
-def fresh(model: Model, count: int = 60) -> np.ndarray:
-    ranges = [model.saved.ranges[j.name] for j in model.mechanism.joints]
-    low, high = np.array(ranges).T
-    return np.random.default_rng(9).uniform(low, high, (count, len(low)))
 
 
 def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
@@ -282,7 +264,7 @@ def test_of_several_set_ups_and_tools_the_named_ones_are_exported_and_said(tmp_p
 
 @pytest.mark.long
 def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
-    fitted("ur5").save(tmp_path / "model.json")
+    fitted("ur5", EFFECTS["ur5"]).save(tmp_path / "model.json")
     done = run("export", tmp_path, "--box", "0:150,300:450,250:400mm", "--nodes", 3)
     assert done.exit_code == 0, done.stderr
     assert {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")} == FILES | {"model.json"}

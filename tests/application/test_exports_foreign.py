@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from exports_cases import fitted, fresh, points
 from scipy.spatial.transform import Rotation
 
 import gpmodel as gp
@@ -156,28 +157,11 @@ EFFECTS = {
 }
 
 
-def calibrated(name: str) -> Model:
-    effects = tuple(text.replace("J2.", "panda_joint2.") if name == "panda" else text for text in EFFECTS[name])
-    mechanism, made = robot(80, 3, name, effects=effects)
-    return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
-
-
-def points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Predict points, m."""
-    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
-    return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
-
-
-def fresh(model: Model, count: int) -> np.ndarray:
-    low, high = np.array([model.saved.ranges[j.name] for j in model.mechanism.joints]).T
-    return np.random.default_rng(9).uniform(low, high, (count, len(low)))
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["irb6400r", "panda"])
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_inverse_in_c_is_that_of_compensate(name: str, tmp_path: Path) -> None:
-    model = calibrated(name)
+    model = fitted(name, EFFECTS[name])
     forward = forward_of(model.saved, Place.of(model.saved))
     (tmp_path / "model.c").write_text(
         c_text(forward, "", np.zeros((1, len(fresh(model, 1)[0]) + len(forward.inputs) + 3)))

@@ -2,12 +2,18 @@
 
 import json
 import re
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+from experiments.chapter5_outside import extrapolation
+from experiments.chapter5_outside import run as outside
+from experiments.hexapod import run as hexapod
+from experiments.models import run as models
 
 ROOT = Path(__file__).parents[2] / "experiments"
 PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -63,6 +69,33 @@ TABLES = {
     "### Figs 5.8 to 5.12 on": "chapter5_outside/results.json",
     "## Beyond the thesis: a machine": "hexapod/results.json",
 }
+
+
+CONCLUSIONS = [
+    ("chapter5_outside/results.json", outside.conclusions, "robots", 20),
+    ("chapter5_outside/extrapolation.json", extrapolation.conclusions, "robots", 20),
+    ("hexapod/results.json", hexapod.conclusions, "machines", 8),
+    ("models/results.json", models.conclusions, "robots", 10),
+]
+
+
+@pytest.mark.parametrize(("file", "conclude", "kind", "least"), CONCLUSIONS, ids=[case[0] for case in CONCLUSIONS])
+def test_conclusions_are_those_of_the_machines_in_the_file_and_hold_on_nine_of_ten(
+    file: str, conclude: Callable[[Any], dict[str, str]], kind: str, least: int
+) -> None:
+    content = results(file)
+    assert conclude(content[kind]) == content["conclusions"]
+    assert len(content[kind]) >= least
+    for name, count in content["conclusions"].items():
+        held, of = (int(word) for word in count.split(" of "))
+        assert held >= 0.9 * of or (conclude is models.conclusions and not name.startswith("the loop")), name
+
+
+def test_medians_are_those_of_the_machines_and_fall_from_model_to_model() -> None:
+    medians = results("chapter5_outside/results.json")["median_heldout_mean_mm"]
+    assert medians["loop"] < medians["hand-made"] < medians["standard"]
+    machines = results("hexapod/results.json")
+    assert hexapod.medians(machines["machines"]) == machines["median_heldout_rms_um"]
 
 
 def numbers(content: object) -> list[float]:
