@@ -45,12 +45,12 @@ class Hexapod(SixLegged):
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Geometric constants (slot, axis): length of each leg, then the coordinates of the centres of its balls."""
+        """Geometric constants (frame, axis): length of each leg, then the coordinates of the centres of its balls."""
         return self.link_constants
 
     @property
     def levers(self) -> dict[str, Array]:
-        """{slot: vector [m] that grows with temperature}: positions of the balls, and legs at half stroke."""
+        """{frame: vector [m] that grows with temperature}: positions of the balls, and legs at half stroke."""
         return self.link_levers(self.home[0])
 
     @property
@@ -156,7 +156,7 @@ class Tau(SixLegged):
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Geometric constants (slot, axis): zeros and axes of actuators, lengths of links, centres of their balls."""
+        """Geometric constants (frame, axis): zeros and axes of actuators, lengths of links, centres of their balls."""
         axes = (
             (f"A{a}.{side}", axis)
             for a, m in enumerate(self.actuators, 1)
@@ -169,7 +169,7 @@ class Tau(SixLegged):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """{slot: vector [m] that grows with temperature}: positions of the actuators and balls, and the links."""
+        """{frame: vector [m] that grows with temperature}: positions of the actuators and balls, and the links."""
         axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
         return axes | self.link_levers(self.lengths)
 

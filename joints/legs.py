@@ -151,8 +151,8 @@ class SixLegged:
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
         """Write the poses of all slots up to the lower balls into `frames` (slots, poses, 4, 4).
-        own: error transform of each slot. q: joint values. Returns the link lengths (6, poses), m, without the errors
-        of the links, and an initial pose (poses, 4, 4) of the platform."""
+        own: error transform of each frame (slot). q: joint values. Returns the link lengths (6, poses), m, without the
+        errors of the links, and an initial pose (poses, 4, 4) of the platform."""
 
     @property
     @abstractmethod
@@ -166,13 +166,13 @@ class SixLegged:
 
     @property
     def link_constants(self) -> tuple[tuple[str, str], ...]:
-        """Geometric constants (slot, axis): length of each link, then the coordinates of the centres of its balls."""
+        """Geometric constants (frame, axis): length of each link, then the coordinates of the centres of its balls."""
         legs = range(1, LEGS + 1)
         balls = ((f"L{i}.{ball}", axis) for i in legs for ball in ("fixed", "platform") for axis in AXES[:3])
         return (*((f"L{i}.moving", "Tz") for i in legs), *balls)
 
     def link_levers(self, lengths: Array) -> dict[str, Array]:
-        """Return {slot: vector (3,) [m] that grows with temperature}: positions of the balls, and links of the given
+        """Return {frame: vector (3,) [m] that grows with temperature}: positions of the balls, and links of the given
         lengths."""
         out = {}
         for i, (base, platform, length) in enumerate(zip(self.base, self.platform, lengths, strict=True), 1):
@@ -182,8 +182,8 @@ class SixLegged:
 
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
-        """The twelve balls, named by slots, with angles as in the joint of the thesis. At home the axis of each ball is
-        along its link."""
+        """The twelve balls, named by frames (slots), with angles as in the joint of the thesis. At home the axis of
+        each ball is along its link."""
         out = []
         for i in range(1, LEGS + 1):
             for end in ("fixed", "platform"):
@@ -209,7 +209,7 @@ class SixLegged:
         return np.stack(seen, axis=1).reshape(2 * LEGS, -1, 3)
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (slots, poses, 4, 4) between successive slots, m.
+        """Return nominal transforms (slots, poses, 4, 4) between successive frames (slots), m.
         Raises InputError if a closed loop cannot be closed."""
         frames = self.assembled(q, {})
         out = np.linalg.inv(np.concatenate([np.eye(4) + np.zeros_like(frames[:1]), frames[:-1]])) @ frames
@@ -217,7 +217,7 @@ class SixLegged:
         return out
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """Return the poses (slots, poses, 4, 4) of all slots, m, with their error twists and with all loops closed."""
+        """Return the poses (slots, poses, 4, 4) of all frames, m, with their error twists and with all loops closed."""
         frames, lengths, miss = self._solved(q, twists)
         wrong = int(np.argmax(miss))
         if not miss[wrong] < CLOSED:
@@ -227,7 +227,7 @@ class SixLegged:
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
         """Return for each pose whether the links meet in one platform (loops closed).
-        q: joint values (poses, joints). twists: error twist (poses, 6) of each slot."""
+        q: joint values (poses, joints). twists: error twist (poses, 6) of each frame (slot)."""
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
@@ -250,8 +250,8 @@ class SixLegged:
         return frames, lengths, miss
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Return the twist of the tool per unit error twist at a slot, (poses, 6, 6). The twist ζ of the tool solves J
-        ζ + c = 0, with the change J ζ of the link lengths by ζ and their change c by the error at the slot."""
+        """Return the twist of the tool per unit error twist at a frame (slot), (poses, 6, 6). The twist ζ of the tool
+        solves J ζ + c = 0, with the change J ζ of the link lengths by ζ and their change c by the error at the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))
@@ -270,7 +270,7 @@ class SixLegged:
         return np.linalg.inv(self.jacobian(frames)) @ changed
 
     def links_behind(self, slot: int) -> list[int]:
-        """Return the numbers (from 0) of the links that a slot before the links moves."""
+        """Return the numbers (from 0) of the links that a frame (slot) before the links moves."""
         return []
 
     def jacobian(self, frames: Array) -> Array:

@@ -183,7 +183,7 @@ class Parameter:
 
 
 def _slot(frame: int, axis: int) -> str:
-    """Return the slot (before or after a rotation) at which a constant twist is equivalent to an error parameter."""
+    """Return the frame (before or after a rotation) at which a constant twist is equivalent to an error parameter."""
     if frame == 0:
         return "base"
     if frame == 4:

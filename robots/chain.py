@@ -133,8 +133,8 @@ class SerialChain(Chain):
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """{link: slot of the last moving joint before the link}, "" for a link without one; empty if the chain is not
-        from a URDF."""
+        """{link: frame (slot) of the last moving joint before the link}, "" for a link without one; empty if the chain
+        is not from a URDF."""
         if self.source is None:
             return {}
         tree, own = read_tree(self.source), [link.name for link in self.links]
@@ -194,7 +194,7 @@ class SerialChain(Chain):
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the chain with a constant error twist at each slot as URDF; see robots.urdf_export."""
+        """Write the chain with a constant error twist at each frame (slot) as URDF; see robots.urdf_export."""
         return write_calibrated_urdf(self, twists or {}, path)
 
 
@@ -247,7 +247,7 @@ class Branches:
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """{link: slot of the last moving joint before the link on the longest chain}, "" for a link without one."""
+        """{link: frame of the last moving joint before the link on the longest chain}, "" for a link without one."""
         return {
             link: max((chain.link_slots[link] for chain in self.chains), key=self._depth)
             for link in self.chains[0].link_slots
@@ -283,7 +283,7 @@ class Branches:
         return out
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the arms with a constant error twist at each slot as URDF; see robots.urdf_export."""
+        """Write the arms with a constant error twist at each frame (slot) as URDF; see robots.urdf_export."""
         arms, before, given = [], set[str](), twists or {}
         for chain, own in zip(self.chains, self._own, strict=True):
             shared = before if chain.source else set()

@@ -96,7 +96,7 @@ class Chain:
         return q @ self.coupling.T
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (slots, poses, 4, 4), m, between successive slots; see the Mechanism protocol."""
+        """Return nominal transforms (slots, poses, 4, 4), m, between successive frames; see the Mechanism protocol."""
         motions = self.motions(q)
         transforms = np.empty((len(self.slots), len(motions), 4, 4))
         transforms[0] = np.eye(4)

@@ -19,7 +19,7 @@ from robots.urdf_tree import origin_of, parse_xml
 
 
 def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: Path) -> str:
-    """Write a mechanism with a constant error twist at each slot as URDF; return the link to measure at.
+    """Write a mechanism with a constant error twist at each frame (slot) as URDF; return the link to measure at.
 
     root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
 
@@ -41,9 +41,9 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
 
 def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
-    """Write several arms of one tree, each with its error twists by slot; return the measured links, with commas.
+    """Write several arms of one tree, each with its error twists by frame; return the measured links, with commas.
 
-    If the tree comes from a file, the twist of a shared slot is written with the first arm that has the slot.
+    If the tree comes from a file, the twist of a shared frame (slot) is written with the first arm that has the slot.
     """
     robot, frames = None, []
     for mechanism, twists in arms:
@@ -63,7 +63,7 @@ def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Pat
 
 
 def _errors(mechanism: Chain, twists: Mapping[str, Array]) -> dict[str, Array]:
-    """Return {slot: transform (4, 4) of its error twist}. Raises InputError for an unknown slot."""
+    """Return {frame (slot): transform (4, 4) of its error twist}. Raises InputError for an unknown slot."""
     for slot, twist in twists.items():
         if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
             raise InputError(

@@ -33,7 +33,7 @@ SHARES: dict[Kind, float] = {
     "catalogue": 1 / 6,
 }  # fmt: skip
 """Share of the significance level, and prior probability, of each kind of change, in the order of checks by a repairer.
-Within a kind the shares are in proportion to exp(-price). Frequent causes (slips, crashes) get the most."""
+Within a kind the shares are in proportion to exp(-penalty). Frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
 """Least part of a change that registration and tool do not absorb, for the change to be tested."""
 STANDING = "base"

@@ -121,7 +121,7 @@ def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
     """Fit the constants inside a candidate to the residual of a model without the candidate.
 
-    If each effect of the candidate has its own constant, an effect is deleted if its gain is below the price of one
+    If each effect of the candidate has its own constant, an effect is deleted if its gain is below the penalty of one
     coefficient and one constant."""
     if candidate.inner is None:
         return candidate

@@ -81,7 +81,7 @@ def _polar(states: States) -> Seen | None:
 
 
 def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
-    """Extend a family of instrument errors by errors beyond the specification, at the price OUT_OF_ORDER.
+    """Extend a family of instrument errors by errors beyond the specification, with the penalty OUT_OF_ORDER.
 
     Without a specification every candidate of the family has the penalty of a defective instrument.
     """

@@ -318,7 +318,7 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following(
     mechanism: Mechanism, basis: Expression, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
-    """Yield the effects that may follow a temperature with a lag, each effect with its name and price.
+    """Yield the effects that may follow a temperature with a lag, each effect with its name and penalty.
 
     The effects are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each
     joint zero.

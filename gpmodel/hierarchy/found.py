@@ -80,7 +80,7 @@ def pooled(machines: Sequence[Residual], group: Group) -> PooledGroup:
 
         gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
 
-    The prior variance a and the price are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i =
+    The prior variance a and the penalty are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i =
     VᵀX_iᵀr_i / σ_i². X_i are the columns of the group after projection onto the complement of the model of machine i;
     r_i is its residual.
     """

@@ -122,11 +122,11 @@ class Branched(Protocol):
 
     @property
     def tips(self) -> Mapping[str, str]:
-        """{measured link: slot that carries the link}. The first link is the default."""
+        """{measured link: frame (slot) that carries the link}. The first link is the default."""
 
     def alone(self, tip: str) -> Mechanism:
-        """Return the chain that ends at the measured link `tip` as a mechanism. The slots of the chain keep their
-        names, except the last slot, which becomes `tool`."""
+        """Return the chain that ends at the measured link `tip` as a mechanism. The frames (slots) of the chain keep
+        their names, except the last slot, which becomes `tool`."""
 
 
 def branched(mechanism: Mechanism) -> Branched | None:
@@ -138,7 +138,7 @@ def branched(mechanism: Mechanism) -> Branched | None:
 def mounting_slots(tree: Branched) -> list[int]:
     """Return the positions in `slots` at which a further arm is mounted on a slot that carries another arm.
 
-    The first arm at each slot is not listed, nor are measured tips, whose slot is the tool.
+    The first arm at each frame (slot) is not listed, nor are measured tips, whose slot is the tool.
     """
     tips = [*tree.tips.values()]
     found = [i for i, parent in enumerate(tree.parents) if parent >= 0 and parent in tree.parents[:i]]

@@ -62,8 +62,8 @@ class Mechanism(Protocol):
     """Interface of a mechanism: a chain of nominal frames.
 
     Measured point: T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool, with nominal transforms T_s and error
-    twists E_s = exp(twist) in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed` and
-    `NAME.moving`; the first slot is `base`, the last slot is `tool` (the flange).
+    twists E_s = exp(twist) in the frame of slot s. Joint j has a frame (slot) on each side of its motion, `NAME.fixed`
+    and `NAME.moving`; the first slot is `base`, the last slot is `tool` (the flange).
     """
 
     @property
@@ -115,8 +115,8 @@ class ClosedLoops(Protocol):
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """Return poses (slots, poses, 4, 4) in the root frame, m, each after its error twist, with all loops closed.
 
-        q: joint values (poses, joints). twists: {position of a slot: error twists (poses, 6), m and rad}. Raises
-        InputError if the loops do not close.
+        q: joint values (poses, joints). twists: {position of a frame (slot): error twists (poses, 6), m and rad}.
+        Raises InputError if the loops do not close.
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
@@ -126,9 +126,9 @@ class ClosedLoops(Protocol):
         """
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Return the twist (poses, 6, 6) of the slot `tool` per unit twist at another slot, by implicit derivatives.
+        """Return the twist (poses, 6, 6) of the slot `tool` per unit twist at another frame, by implicit derivatives.
 
-        frames: poses (slots, poses, 4, 4) of all slots in any common frame. The twists are in the axes of their slots.
+        frames: poses (slots, poses, 4, 4) of all slots in any common frame. The twists are in the axes of their frames.
         """
 
 
@@ -143,7 +143,7 @@ INSTRUMENT = "instrument"
 
 
 def places(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names at which an error twist may act: the slots of the mechanism, then the instrument."""
+    """Return the names at which an error twist may act: the frames (slots) of the mechanism, then the instrument."""
     return (*mechanism.slots, INSTRUMENT)
 
 
@@ -263,9 +263,9 @@ class ExportsUrdf(Protocol):
     """A mechanism that can be written as URDF, including constant errors of its geometry."""
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the chain with a constant error twist (6,), m and rad, at some slots, and return the measured link.
+        """Write the chain with a constant error twist (6,), m and rad, at some frames, and return the measured link.
 
-        Raises InputError for an unknown slot, or a file that cannot be written.
+        Raises InputError for an unknown frame (slot), or a file that cannot be written.
         """
 
 

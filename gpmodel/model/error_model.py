@@ -87,7 +87,7 @@ class ErrorModel:
 
     noise: standard deviation of one measured coordinate, m, if known beforehand. With noise = None the noise is
     estimated from the residual.
-    Raises InputError for an effect at an unknown slot.
+    Raises InputError for an effect at an unknown frame (slot).
     """
 
     mechanism: Mechanism

@@ -2,7 +2,7 @@
 
     p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all candidate groups
 
-L is the objective of the selection: log marginal likelihood minus price, nats. The other groups are re-estimated with
+L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated with
 h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
 functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because a
 joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang et al.

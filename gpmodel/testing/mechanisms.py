@@ -1,4 +1,4 @@
-"""Contract checks of a mechanism (slots, transforms, drives, loads) and of a representation of programs."""
+"""Contract checks of a mechanism (frames, transforms, drives, loads) and of a representation of programs."""
 
 from collections.abc import Callable, Sequence
 
@@ -65,13 +65,13 @@ GRAVITY = (9.7, 9.9)
 
 
 def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses: int = 12, seed: int = 0) -> None:
-    """Check the slots, transforms, drives and loads of a mechanism, signs included.
+    """Check the frames (slots), transforms, drives and loads of a mechanism, signs included.
 
     down: direction of gravity in the root frame.
     Slots are base, both sides of each joint, and tool. Transforms are rigid and independent of other poses. A drive is
     the derivative of the pose by its joint value. A payload adds its weight times its lever arms to the loads; its
     torque about a joint is minus the slope of its potential energy. With closed loops, the motion of the tool by a
-    further error twist is checked too, with errors at every slot.
+    further error twist is checked too, with errors at every frame.
     """
     q = random_poses(mechanism, poses, np.random.default_rng(seed))
     _check_slots(mechanism)
