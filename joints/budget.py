@@ -126,7 +126,7 @@ class ErrorSource:
         return self.half_range / (np.sqrt(3.0) if self.distribution == "uniform" else 3.0)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Draw random errors of the given array shape, m or rad."""
+        """Draw random errors, m or rad, by this distribution, in an array of the given shape."""
         if self.distribution == "uniform":
             return rng.uniform(-self.half_range, self.half_range, shape)
         return self.sigma * rng.standard_normal(shape)

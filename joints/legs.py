@@ -22,7 +22,7 @@ from gpmodel.numerics import se3
 from joints.settings import Settings, laid_over, read_toml
 
 STEPS = 50
-"""Largest number of Newton steps for the platform's pose. Each step doubles the number of digits.
+"""Largest number of Newton steps for the platform's pose. Each Newton step doubles the number of correct digits.
 A machine whose pose needs more steps cannot close its loops."""
 
 PROGRESS, STALLED = 0.9, 6

@@ -151,7 +151,7 @@ def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: Magn
 def rank_designs(
     socket_angles: Sequence[float], ring_angles: Sequence[float], magnets: Sequence[Magnet], seat: MagnetSeat
 ) -> list[PreloadDesign]:
-    """Return every design of the grid that fits, best first: largest preload, then highest socket pressure.
+    """Return the feasible designs of a grid, best first: largest preload, then highest socket pressure.
 
     The six best designs with 12.7 mm magnets, on a grid of 9 deg up to a socket of 72 deg, are the rows of Table 3.1.
     """
@@ -195,7 +195,7 @@ magnet was measured (section 3.6), m."""
 
 @dataclass(frozen=True)
 class PublishedPreload:
-    """A published preload of the thesis.
+    """A magnetic preload published in the thesis.
 
     predicted, measured: preload, N; measured is None if the value is only in a figure.
     layers: number of magnets on top of one another.

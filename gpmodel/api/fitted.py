@@ -32,7 +32,7 @@ class RecordedResult:
 
         @property
         def record(self) -> Report:
-            """Content of report.json."""
+            """Content of the file report.json of a calibration."""
 
     @property
     def histogram(self) -> pd.DataFrame:

@@ -87,7 +87,7 @@ def read_table(
 
     Headers contain units in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism applies to
     every row of the table.
-    mechanism: object, name or file.
+    mechanism: a mechanism object, a name or a file.
     in_order: the rows are in the order of measurement, so that an effect may depend on earlier poses. A time column
     that never decreases implies the order of measurement.
     cameras, board, surfaces: descriptions of cameras, boards and touched surfaces, as TOML files or their content.

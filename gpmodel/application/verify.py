@@ -1,7 +1,7 @@
 """Test a fitted model on later poses, and identify what changed if the test fails.
 
-The registration is fitted again, because an instrument is never set up at an identical position. The tool point of the
-model is not refitted.
+The registration is fitted again, because an instrument is never set up at an identical position. The verification does
+not refit the tool point of the model.
 """
 
 from dataclasses import dataclass, replace

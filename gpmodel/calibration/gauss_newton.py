@@ -52,7 +52,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
     """Move the rigid part of instrument errors into registrations and tools; predictions do not change.
 
-    kept: True for each fitted effect.
+    kept: mask of the fitted effects of the model.
     """
     of_it = np.array([e.of_the_instrument for e in fitting.model.effects], dtype=bool)
     own = np.flatnonzero(of_it & kept & (fitted.theta != 0.0))
@@ -207,7 +207,7 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: exclude outliers. seed: seed of the folds."""
+    """Options of a calibration fit. robust: exclude outliers. seed: seed of the folds."""
 
     robust: bool
     seed: int

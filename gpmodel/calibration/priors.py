@@ -170,5 +170,5 @@ def noise_sigma(model: ErrorModel, problem: Linearised) -> float:
 
 
 def residual_sigma(problem: Linearised) -> float:
-    """Return the RMS of the weighted residual, m, of one component."""
+    """Return the RMS of the weighted residual, m, per measured component."""
     return float(np.sqrt(np.mean(problem.residual**2)))

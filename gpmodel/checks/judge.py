@@ -88,7 +88,7 @@ def check_dataset(
     standard: the geometric constants to fit (default: all). With more than MOST_FITTED rows, fits use stretches of rows
     spread evenly over the table, and a note states the number of rows. Errors: joint values beyond limits, wrong units
     or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `built_wrong`,
-    `poor_fit` and `warnings_of`. Notes: see the function `notes`.
+    `poor_fit` and `warnings_of`. Notes on the table: see the function `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED

@@ -66,7 +66,7 @@ class Registered:
         return cls(*se3.fit_rotation(tips(frames, tool), position), tool)
 
     def points(self, frames: Array) -> Array:
-        """Return the predicted positions (poses, 3), m, in the frame of the instrument."""
+        """Return the predicted tool positions (poses, 3), m, in the frame of the instrument."""
         return np.asarray(tips(frames, self.tool) @ self.turn.T + self.shift)
 
     def errors(self, frames: Array, position: Array) -> Array:

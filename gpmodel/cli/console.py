@@ -33,8 +33,8 @@ CLEAR = "\r\x1b[K"
 
 
 def path_for(out: Path, default_name: str) -> Path:
-    """Return the file named by --out, or `default_name` in the folder --out. Raises InputError for another kind of
-    file."""
+    """Return the file named by --out, or `default_name` in the folder --out. Raises InputError for a file of an
+    unsupported kind."""
     table = out.suffix.lower() in (".csv", ".txt")
     if out.suffix[1:].isalpha() and not table and not out.is_dir():
         raise InputError(f"{out}: a table is written as .csv; expected such a file, or a folder", "out")

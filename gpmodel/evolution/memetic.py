@@ -25,7 +25,7 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Builder, Node, Program, description_size
 
 LONGEST = 30
-"""Largest number of nodes of a formula."""
+"""Largest number of nodes of an evolved formula."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
 """Number of parents, which are the formulas of shortest description; number of offspring whose constants are fitted;
 largest number of generations."""

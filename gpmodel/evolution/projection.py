@@ -119,8 +119,8 @@ class Targets:
     def set_gain(self, values: Array, site: int) -> tuple[float, Array]:
         """Return the gain of basis functions solved together at one site, and their coefficients.
 
-        values: basis functions (functions, poses). A function gets coefficient 0 if its share outside the columns of
-        the model and the other functions is below ``unique_share`` (pivoted forward selection, no ridge).
+        values: values of basis functions (functions, poses). A function gets coefficient 0 if its share outside the
+        columns of the model and the other functions is below ``unique_share`` (pivoted forward selection, no ridge).
         """
         if len(values) == 1:
             return self._gain_of_one(values[0], site)

@@ -1,4 +1,4 @@
-"""Nonlinear constants in the basis functions of a candidate: a frequency, a time constant, a width, a row.
+"""Nonlinear constants in the basis functions of a candidate: a frequency, a time constant, a width, a row number.
 
 A template is the candidate with a symbol in the place of each nonlinear constant.
 """

@@ -224,7 +224,7 @@ class States:
         return len(next(iter(self.columns.values())))
 
     def unit(self, name: str) -> str:
-        """Return the unit of a column, derived columns included. Raises InputError for an unknown name."""
+        """Return the unit of a column, derived columns included. Raises InputError for an unknown column name."""
         if name in self.units:
             return self.units[name]
         self[name]
@@ -239,7 +239,7 @@ class States:
         return "rows" if self.past.clock == "row" else self.units[self.past.clock]
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """Return the columns at some poses. Columns with memory still depend on the whole table."""
+        """Return the state columns of the given poses. Columns with memory still depend on the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
         return replace(self, columns=columns, rows=taken)

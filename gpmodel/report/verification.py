@@ -39,7 +39,7 @@ TOO_GOOD = 1e-6
 class PoseRecord:
     """Record of one row of new measurements that verify a model.
 
-    without_mm, with_mm: 3-D errors, mm, with the nominal geometry and with the model.
+    without_mm, with_mm: 3-D position errors, mm, with the nominal geometry and with the model.
     promised_mm: expected RMS error, None for an outlier. chance: p-value of the error, None for an outlier.
     outside: inputs outside the ranges of the fit.
     missed_mm: error of a compensated target, mm.

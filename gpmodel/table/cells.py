@@ -77,7 +77,7 @@ def _cells(values: np.ndarray, digits: int) -> list[str]:
 
 
 LARGEST = 1e20
-"""Largest accepted number in a table's cell, in any unit. A time in nanoseconds since 1970 is smaller."""
+"""Largest accepted number in a table's cell, in any unit. A time stamp in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
 """Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
@@ -204,7 +204,7 @@ def split(line: str, separator: str) -> list[str]:
 def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
     """Choose the separator and the decimal sign that give most numbers in lines with equal numbers of cells.
     Of equally good pairs of separator and sign, the most frequent separator in the first line is chosen, then the sign
-    with the fewest thousands separators: 126,983 between semicolons is no 126983."""
+    with the fewest thousands separators: 126,983 in a line with semicolons is read as 126.983."""
     lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
     best = (-1, -1, 0, ",", ".")
     for separator in among:
