@@ -137,7 +137,7 @@ _OWN: tuple[Family, ...] = (
     Family("unknown_masses", "the joint yields to unknown weights: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
     Family("base_unknown_masses", "the foundation tilts under unknown weights", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection, yields=True),
-    Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending, yields=True),
+    Family("joint_bending", "the bearing tilts across the joint's axis, or the carriage on its guideway, under the gravity moment", "Klimchik 2014", families_load.joint_bending, yields=True),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
     Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", frequency_grid.transmission_ripple, frequency_grid.ripple_grids, refit_constants=True),

@@ -44,16 +44,19 @@ def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the tilt of each revolute joint across its axis, in proportion to the moments at the joint, rad/Nm."""
-    for j in revolute(mechanism):
-        axes = across(j)
-        if f"moment_{j.name}_x" in states.columns:
-            terms = tuple(Term(f"{j.name}.moving", f"R{a}", Expression(f"moment_{j.name}_{a}")) for a in axes)
+    """Yield the tilt of each bearing or carriage in proportion to the moments at its joint, rad/Nm.
+
+    The bearing of a revolute joint tilts across its axis. A carriage also rolls about its guideway.
+    """
+    for j in mechanism.joints:
+        axes = [a for a in (across(j) if j.kind == "revolute" else "xyz") if loaded(states, f"moment_{j.name}_{a}")]
+        terms = tuple(Term(f"{j.name}.moving", f"R{a}", Expression(f"moment_{j.name}_{a}")) for a in axes)
+        if terms:
             effect = Effect(f"joint bending, {j.name}", terms, "rad/Nm", "joint_bending")
             yield one(effect.name, effect, 5.0)
-            for term in terms:
-                name = f"{effect.name} about {term.axis[1]} only"
-                yield one(name, Effect(name, (term,), "rad/Nm", "joint_bending"), 5.5)
+        for term in terms if len(terms) > 1 else ():
+            name = f"joint bending, {j.name} about {term.axis[1]} only"
+            yield one(name, Effect(name, (term,), "rad/Nm", "joint_bending"), 5.5)
 
 
 def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,12 +19,15 @@ from gpmodel.families import session as memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism, WeightByPart
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import Dataset, unmeasured
+from gpmodel.testing.effects import check_family
 from joints import spherical_joint
+from robots import load_mechanism
 from robots.chain import SerialChain
 
 SLIDE = next(j for j in mechanism("dh").joints if j.kind == "prismatic")
@@ -48,6 +52,17 @@ def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
     straight = {f"straightness E{w}{OWN}" for w in ways if w != OWN}
     tilts = {f"pitch or yaw E{t}{OWN}" for i, t in enumerate(turns) if i != own}
     assert mine == straight | tilts | {f"positioning E{OWN}{OWN}", f"roll E{turns[own]}{OWN}"}
+
+
+def test_a_carriage_tilts_about_every_axis_about_which_weights_turn_it() -> None:
+    """Gravity along z has no moment about z; a carriage on a level rail rolls and pitches."""
+    rail = load_mechanism(str(Path(__file__).parents[2] / "docs" / "make" / "rail.toml"))
+    check_family(next(f for f in catalogue if f.name == "joint_bending"), rail)
+    data = unmeasured([j.name for j in rail.joints], random_poses(rail, 40, np.random.default_rng(0)))
+    found = {c.name: c for c in candidates(rail, prepare(rail, data).states) if c.name.startswith("joint bending, X")}
+    level = [c.inputs for name, c in found.items() if name.endswith("only")]
+    assert sorted(level) == [("moment_X_x",), ("moment_X_z",)]
+    assert found["joint bending, X"].inputs == ("moment_X_x", "moment_X_z")
 
 
 def test_a_screw_off_its_centre_is_a_cyclic_error_of_its_lead() -> None:
