@@ -142,10 +142,10 @@ def over_causes(found: Discovery) -> Discovery:
 
 
 def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
-    """Include in a fit to all poses the uncertainty about the cause of each finding, or about one undetected effect.
+    """Include in a fit to all poses the uncertainty about the cause of each finding, and about one undetected effect.
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
-    p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant of the model can
+    p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant or a finding can
     absorb them.
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
@@ -155,9 +155,8 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     known = {effect.name for effect in fit.model.effects}
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
     residual = residual_of(fit, found.poses, Criteria(), FOLD_SEED)
-    places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings] or [
-        causes_of(residual, None, pool)
-    ]
+    places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings]
+    places.append(causes_of(residual, None, pool))
     return with_cause_variance(fit, found.poses, places)
 
 

@@ -1,0 +1,35 @@
+"""Uncertainty over the causes of the findings, and over one effect that was not found."""
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism
+
+from gpmodel.application.over_causes import over_causes
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.families import catalogue
+from gpmodel.model.error_model import prepare
+
+FOUND, ABSORBED = "joint compliance, shoulder_lift_joint", "base compliance"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("base", [6e-6, 9e-6])
+def test_a_finding_allows_for_an_effect_that_it_absorbs(seed: int, base: float) -> None:
+    """The moments of base and shoulder are alike, so that the shoulder seems as soft as both together."""
+    arm, data = mechanism("ur5"), bare("ur5", 90, seed, payload=False)
+    pool = {c.name: c for c in catalogue.candidates(arm, prepare(arm, data).states)}
+    sizes = (1e-5, base)
+    effects = (*pool[FOUND].effects, *pool[ABSORBED].effects)
+    poses = measure("ur5", effects, sizes, seed, dataset=data, noise=2e-5).poses
+    nothing = np.zeros(0, dtype=np.int64)
+    search = Search(runs=0, workers=1)
+    found = discover(arm, poses, np.arange(90), nothing, candidates=(pool[FOUND],), search=search)
+
+    def off(fit: Calibration) -> float:
+        k = [e.name for e in fit.model.effects].index(FOUND)
+        return float(abs(fit.theta[k] - sizes[0]) / fit.stderr[k])
+
+    assert off(found.final) > 30.0
+    assert off(over_causes(found).final) < 3.0
