@@ -167,19 +167,8 @@ class Spread:
 
     def whiten(self, values: Array) -> Array:
         """Return values whitened by the inverse root of the covariance V."""
-        return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
-
-    def restored(self, values: Array) -> Array:
-        """Return whitened values times the root of the covariance V."""
-        return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
-
-    def block(self, rows: IntArray) -> Array:
-        """Return the rows and columns of the covariance V with the given numbers."""
-        own = self.u[rows] * self.s
-        return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
-
-    def _within(self, values: Array, factor: Array) -> Array:
-        return self.u @ (factor.reshape(-1, *[1] * (values.ndim - 1)) * (self.u.T @ values))
+        factor = (1.0 - 1.0 / np.sqrt(1.0 + self.s**2)).reshape(-1, *[1] * (values.ndim - 1))
+        return (values - self.u @ (factor * (self.u.T @ values))) / self.sigma
 
 
 @dataclass(frozen=True)
@@ -239,14 +228,17 @@ class Recheck:
     def by_pose(self) -> tuple[Array, Array]:
         """Expected RMS 3-D error of every later pose, m, and the p-value of the actual error if the model is valid.
 
-        The expected error includes the covariance V and the fitted registration, and is NaN for excluded poses.
+        The residual of the fitted registration has the covariance (I - P) V (I - P), with P the projection onto the
+        columns of the registration. The expected error is NaN for excluded poses.
         """
         promised, chance = (np.full(len(self.pose_id), np.nan) for _ in range(2))
-        left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
-        turns = self._turns
+        placed = rank.orthonormal(self.blocks.means(self.problem.columns[:, self.session.anew(self.problem)]))
+        left = rank.remove(placed, self.blocks.means(self.problem.residual))
+        own, turns = rank.remove(placed, self.spread.u) * self.spread.s, self._turns
         for code in np.unique(self.pose):
             rows = np.flatnonzero(self.pose == code)
-            covariance = self.spread.block(rows) - fitted[rows] @ fitted[rows].T
+            inside = np.eye(len(rows)) - placed[rows] @ placed[rows].T + own[rows] @ own[rows].T
+            covariance = self.spread.sigma**2 * inside
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.pose_id == code) & self.session.use
             promised[here] = np.sqrt(np.trace(covariance[~turns[rows]][:, ~turns[rows]]))

@@ -15,7 +15,7 @@ from gpmodel.application.recheck import recheck, settled
 from gpmodel.application.usable import usable
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import observe, prepare
-from gpmodel.planning.simulate import Simulation
+from gpmodel.planning.simulate import Simulation, simulate
 from gpmodel.table.cells import frame_of, table_text
 from gpmodel.table.dataset import Dataset, unmeasured
 
@@ -59,6 +59,34 @@ def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     errors = np.concatenate([f.session.errors for f in found])
     promised = np.concatenate([f.by_pose[0] for f in found])
     assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
+
+
+SCARA = """
+convention = "modified"
+[[joint]]
+d_mm = 400
+[[joint]]
+a_mm = 350
+[[joint]]
+a_mm = 300
+alpha_deg = 180
+kind = "prismatic"
+[[joint]]
+"""
+"""Parallel axes: the registration absorbs the height of the tool point, which has a standard error of a metre."""
+
+
+def test_what_the_registration_absorbs_is_no_expected_error(tmp_path: Path) -> None:
+    (tmp_path / "scara.toml").write_text(SCARA)
+    arm = gp.load_mechanism(str(tmp_path / "scara.toml"))
+    rng = np.random.default_rng(0)
+    q = rng.uniform((-2.0, -2.0, 0.0, -3.0), (2.0, 2.0, 0.2, 3.0), (120, 4))
+    made = simulate(arm, q, (), rng, noise=NOISE)
+    first, second = (made.dataset.subset(np.arange(start, start + 60)) for start in (0, 60))
+    saved = gp.calibrate(arm, first, holdout=0.0).model.saved
+    assert float(np.diag(saved.covariance.values).max()) > 0.1
+    promised, _ = recheck(settled(usable(saved), second)).by_pose
+    assert np.sqrt(np.mean(promised**2)) == pytest.approx(np.sqrt(3.0) * NOISE, rel=0.2)
 
 
 @pytest.mark.long
