@@ -8,7 +8,7 @@ positioning, in the frame of the joint.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import chain, product
+from itertools import chain, pairwise, product
 
 import numpy as np
 
@@ -221,14 +221,23 @@ def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error of each revolute joint in proportion to the coordinate of each revolute joint before it."""
+    """Yield the error of each revolute joint in proportion to the coordinate of each revolute joint before it.
+
+    A linear joint is in proportion to the angle of a neighbouring joint, m/rad: the spindle of a SCARA is also a screw.
+    """
     joints = revolute(mechanism)
-    for i, source in enumerate(joints):
-        for target in joints[i + 1 :]:
-            effect = drive_effect(
-                f"coupling, {source.name} to {target.name}", target, Expression(source.name), "1", "wrist_coupling"
-            )
-            yield one(effect.name, effect, 4.0 if i >= len(joints) - 3 else 5.5)
+    pairs = [
+        (source, target, "1", 4.0 if i >= len(joints) - 3 else 5.5)
+        for i, source in enumerate(joints)
+        for target in joints[i + 1 :]
+    ]
+    for first, second in pairwise(j for j in mechanism.joints if j.measured):
+        if {first.kind, second.kind} == {"revolute", "prismatic"}:
+            turning, sliding = (first, second) if first.kind == "revolute" else (second, first)
+            pairs.append((turning, sliding, "m/rad", 5.5))
+    for source, target, unit, cost in pairs:
+        name = f"coupling, {source.name} to {target.name}"
+        yield one(name, drive_effect(name, target, Expression(source.name), unit, "wrist_coupling"), cost)
 
 
 def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -149,7 +149,7 @@ _OWN: tuple[Family, ...] = (
     Family("hysteresis", "the transmission yields along a loop: many small plays in series (Prandtl-Ishlinskii)", "Visintin 1994, ch. III", families_session.hysteresis),
     Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", families_angle.backlash_approach),
     Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", families_angle.gear_ratio),
-    Family("wrist_coupling", "one wrist axis drags another through its gears", "Mooring 1991", families_angle.wrist_coupling),
+    Family("wrist_coupling", "one axis drags another through its gears or its spindle", "Mooring 1991", families_angle.wrist_coupling),
     Family("parallel_bar_closure", "the parallel bar is no exact parallelogram", "Schröer 1997", families_angle.parallel_bar),
     Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", families_load.balancing_spring),
     Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening),

@@ -54,6 +54,12 @@ def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
     assert mine == straight | tilts | {f"positioning E{OWN}{OWN}", f"roll E{turns[own]}{OWN}"}
 
 
+def test_a_linear_joint_follows_the_angle_of_its_neighbours() -> None:
+    mine = {c.name: c for c in pool("dh", 150).values() if c.family == "wrist_coupling"}
+    slides = {name: c.unit for name, c in mine.items() if name.endswith(f"to {SLIDE.name}")}
+    assert slides == {f"coupling, J2 to {SLIDE.name}": "m/rad", f"coupling, J4 to {SLIDE.name}": "m/rad"}
+
+
 def test_a_carriage_tilts_about_every_axis_about_which_weights_turn_it() -> None:
     """Gravity along z has no moment about z; a carriage on a level rail rolls and pitches."""
     rail = load_mechanism(str(Path(__file__).parents[2] / "docs" / "make" / "rail.toml"))
