@@ -75,9 +75,7 @@ class CalibrationResult(FittedResult):
         """Model for prediction and compensation, fitted to all poses; `save` and `report` write this model."""
         final, poses = self.fit
         saved = saved_model(final, poses, np.setdiff1d(np.arange(len(poses)), self.calibrated.train))
-        stated = poses.dataset.instrument
-        noise = None if stated is None else stated.noise(poses.dataset.position)
-        return Model(with_discrepancy(saved, final, poses, noise=noise))
+        return Model(with_discrepancy(saved, final, poses))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:

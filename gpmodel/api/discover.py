@@ -95,12 +95,9 @@ class DiscoveryResult(FittedResult):
     @cached_property
     def model(self) -> Model:
         """Model for prediction and compensation, fitted to all poses; `save` and `report` write this model."""
-        found, data = self.found, self.found.poses.dataset
+        found = self.found
         saved = saved_model(found.final, found.poses, None if found.folds else found.heldout)
-        noise = self.origin.noise
-        if noise is None and data.instrument is not None:
-            noise = data.instrument.noise(data.position)
-        return Model(with_discrepancy(saved, found.final, found.poses, heldout_fits(found), noise))
+        return Model(with_discrepancy(saved, found.final, found.poses, heldout_fits(found), self.origin.noise))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:

@@ -18,7 +18,7 @@ from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 
 if TYPE_CHECKING:
-    from gpmodel.api.exports import ExportsResult
+    pass
 
 
 def check_writable() -> None:
@@ -98,14 +98,11 @@ def save_model(model: Model, folder: Path) -> None:
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:
     """Write a calibration's report.json to `file`, with errors of every export file; raise InputError if it fails."""
     path = file_path(file, "file")
-    save_record(replace(record, exports=_exports(model, path).records), path)
+    with as_write_error(path):
+        exports = model.export().records
+    save_record(replace(record, exports=exports), path)
 
 
 def save_record(record: Report, file: str | Path) -> None:
     """Write report.json to `file`. Raises InputError if the file cannot be written."""
     write_text(file_path(file, "file"), to_json(record))
-
-
-def _exports(model: Model, path: Path) -> "ExportsResult":
-    with as_write_error(path):
-        return model.export()

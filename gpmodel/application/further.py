@@ -188,12 +188,15 @@ def with_discrepancy(
 
         discrepancy² = max(0, mean square held-out error - noise² - variance by parameters and other causes)
 
-    parts: fits with held-out poses; if empty, each pose is left out in turn. noise: specified standard deviation of the
-    instrument, m; None for `noise_within`. Only poses with measured x, y and z count.
+    parts: fits with held-out poses; if empty, each pose is left out in turn. noise: stated standard deviation of a
+    coordinate, m; None for that of the instrument's specification or, without a specification, `noise_within`. Only
+    poses with measured x, y and z count.
     """
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
-    noise = noise_within(fit, poses) if noise is None else noise
+    stated = poses.dataset.instrument
+    if noise is None:
+        noise = noise_within(fit, poses) if stated is None else stated.noise(poses.dataset.position)
     found = [_by_parameters(part) for part in parts]
     if 3 * sum(len(squares) for squares, _ in found) < FEWEST:
         found = [_one_left_out(fit, poses)]

@@ -227,7 +227,8 @@ def iterate(
             return Fitted(**vars(here), status="stalled")
         last, free = step.moved, here.problem.reduced is not None
         near = not free and since + last < NEAR
-        near = near and _straight(here.problem.residual - there.problem.residual, step.motion / 2**cut)
+        off = here.problem.residual - there.problem.residual - (foreseen := step.motion / 2**cut)
+        near = near and bool(np.abs(off).max() <= BENT * np.abs(foreseen).max())
         since, gram = (since + last, gram) if near else (0.0, None)
         if not near and not free:
             theta, placement, observed = there.theta, there.placement, there.problem.observed
@@ -276,8 +277,3 @@ def _lower(fitting: Fitting, here: Iterate, step: _Step, cut: int) -> tuple[Iter
             if not free and corrections < CORRECTIONS:
                 part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
     return None, MAX_HALVINGS
-
-
-def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Return whether a residual fell as the linear model predicted, so that the derivatives remain valid."""
-    return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

@@ -84,8 +84,8 @@ class NonlinearParameters:
 
     def without(self, k: int) -> "NonlinearParameters":
         """Return the template without constant number `k` and without the effects that depend on the constant."""
-        symbol = self.constants[k].symbol
-        left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
+        whole = re.compile(rf"{self.constants[k].symbol}(?!\d)")
+        left = tuple(e for e in self.template if not any(whole.search(str(t.basis)) for t in e.terms))
         unnamed = self.name == law_name(self.template)
         name, left = (law_name(left), numbered(left)) if unnamed else (self.name, left)
         return NonlinearParameters(name, left, (*self.constants[:k], *self.constants[k + 1 :]))
@@ -160,11 +160,6 @@ def numbered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Rename the effects of a formula without a name after the formula, with a number if there are several."""
     name = law_name(effects)
     return tuple(replace(e, name=f"{name} [{k}]" if len(effects) > 1 else name) for k, e in enumerate(effects, 1))
-
-
-def _reads(text: str, symbol: str) -> bool:
-    """Return whether a text contains a whole symbol: CONSTANT1 is not in CONSTANT10."""
-    return re.search(rf"{symbol}(?!\d)", text) is not None
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
