@@ -21,7 +21,7 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
     `expected`.
     """
     if "\0" in str(path):
-        raise InputError(f"{str(path)!r}: no name of a file; expected {expected}")
+        raise InputError(f"{str(path)!r}: a null character in a file name; expected {expected}")
     try:
         kind = path.stat().st_mode
         if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):

@@ -76,10 +76,10 @@ def contact_forces(
 def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
     """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads, or infinity.
 
-    Minimum over the supports i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)): preload P, pull at polar angle t and
-    azimuth psi, supports at polar angle phi, 120 deg apart. For a pull towards a support the minimum is P sin(phi)
-    (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); for a pull away from a support it is P / sqrt(1 + 4 cot^2 phi) =
-    0.546 P, which the thesis omits.
+    The limit is the smallest positive P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)) of the supports i, with preload
+    P, pull at polar angle t and azimuth psi, and support i at polar angle phi and azimuth psi_i, 120 deg apart. For a
+    pull towards a support the minimum is P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); for a pull away
+    from a support it is P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis omits.
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0

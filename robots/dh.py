@@ -68,9 +68,9 @@ def of_another_kind(path: Path) -> bool:
 def read_dh(path: Path) -> SerialChain | Branches:
     """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows; see the docstring of this module.
 
-    The frame of the slot NAME.moving is the frame of the row in the modified convention; in the standard convention it
-    is the frame before a and alpha of the row. In both conventions the joint moves about or along the z axis of the
-    frame.
+    Errors named NAME.moving act in a frame that moves with the joint NAME. In the modified convention it is the frame
+    after all transforms of the row; in the standard convention the frame between Tz(d) and Tx(a) of the row. The joint
+    moves about or along the z axis of the frame NAME.moving.
     Raises InputError if the file is unreadable, or a key is unknown, has no unit or no valid value.
     """
     top = TomlTable(read_toml(path, "a TOML table of DH rows"), str(path))

@@ -129,7 +129,8 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
         if len(lost):
             more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
             row = targets.dataset.row[lost[0]]
-            raise InputError(f"{path.name}, row {row}: the target is {how} of {arm.name}{more}", "task")
+            where = f"{path.name}, row {row}"
+            raise InputError(f"{where}: the target is {how}{more}; expected poses that {arm.name} can reach", "task")
     outlook = PlanningContext.from_joint_values(saved, pool, rng)
     there = outlook.point_problem(outlook.task_poses(targets.dataset, rng))
     told, alike = _rivals(outlook, record)

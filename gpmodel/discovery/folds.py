@@ -33,11 +33,11 @@ def discover_by_folds(
 ) -> Discovery:
     """Run the whole search on all poses, then repeat the search without each of `count` folds of whole blocks.
 
-    The errors of each model are errors of held-out poses, predicted by the repetition without these poses; a repetition
-    with fewer models uses its last. repeats: ways to repeat the search, the quickest first; without evolution the
-    errors are rather larger than smaller. If one way does not confirm an evolved finding, the next way is tried at half
-    the significance level. workers: processes that run the repetitions, the first way during the search on all poses.
-    Raises InputError for fewer than two folds, or more folds than blocks of poses.
+    The error of pose p by model k is the error of model k, or of the last model before k, of the repetition without p.
+    repeats: functions that run the search again, the quickest first; a search without genetic programming tends to
+    overestimate the errors. If one function does not confirm an evolved finding, the next function is tried at half the
+    significance level. workers: processes that run the repetitions, by the first function during the search on all
+    poses. Raises InputError for fewer than two folds, or more folds than blocks of poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)

@@ -56,12 +56,12 @@ class Layout:
 
     @property
     def zero_row(self) -> int:
-        """Number of the row of zeros in the table of values, after the inputs and fixed constants."""
+        """Index of the row of zeros in the table (rows, poses) of input values, fixed constants and zeros."""
         return len(self.inputs) + len(self.constants)
 
     @property
     def base(self) -> int:
-        """Number of fixed rows in the table of values: inputs, fixed constants and the row of zeros."""
+        """Number of rows of values that all programs share: inputs, fixed constants and one row of zeros."""
         return self.zero_row + 1
 
     def fixed_rows(self, values: Array) -> Array:
@@ -72,7 +72,8 @@ class Layout:
         return np.ascontiguousarray(np.vstack([values, constants]))
 
     def element_row(self, element: int) -> int:
-        """Return the row number of an input or constant; constants that a program carries follow the fixed rows."""
+        """Return the row index of an input or constant in the table of values; a program's own constants are the last
+        rows."""
         return element if element < self.zero_row else element + 1
 
     @cached_property

@@ -212,7 +212,7 @@ def without(targets: Targets, values: Array) -> Targets:
 
 
 def weighted_sum(targets: Targets, columns: Array) -> Array:
-    """Return the weights of two or more columns in the weighted sum of which a smooth function has the largest gain.
+    """Return the weights w of two or more columns x for which a smooth function of Σ w_i x_i has the highest evidence.
     The weights are scaled so that one weight times the standard deviation of its column is 1."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
     scaled = columns / spread[:, None]
@@ -236,8 +236,8 @@ def weighted_sum(targets: Targets, columns: Array) -> Array:
 
 
 def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
-    """Return (a, b, w) of the distance √((x - a)² + w² (y - b)²) of which a smooth function has the largest gain. x and
-    y are the two columns (2, poses)."""
+    """Return a, b, w for which a smooth function of the distance √((x - a)² + w² (y - b)²) has the highest evidence. x,
+    y: the two columns (2, poses)."""
     middle, spread = columns.mean(axis=1), columns.std(axis=1)
     scaled, noise = (columns - middle[:, None]) / spread[:, None], targets.energy / targets.components
 

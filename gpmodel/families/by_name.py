@@ -59,7 +59,7 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
     instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:
         raise InputError(
-            f"effect '{name}' has {len(instances)} instances here; expected one of "
+            f"effect '{name}' stands for {len(instances)} effects of {mechanism.name}; expected one of "
             f"{'; '.join(instances[:MOST_INSTANCES])}"
         )
     return effects_named(name, mechanism, states)
@@ -74,5 +74,7 @@ def _of_catalogue(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     instances = catalogue.of_family(name, mechanism, states)
     if len(instances) > MOST_INSTANCES:
         few = "; ".join(c.name for c in instances[:MOST_INSTANCES])
-        raise InputError(f"effect '{name}' has {len(instances)} instances here; expected one, for example {few}")
+        raise InputError(
+            f"effect '{name}' stands for {len(instances)} effects of {mechanism.name}; expected one, for example {few}"
+        )
     return tuple(e for c in instances for e in c.effects) or catalogue.build(name, mechanism, states)

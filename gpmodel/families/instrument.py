@@ -4,9 +4,10 @@ With azimuth a and elevation e, a rotation about the vertical axis is an azimuth
 a, -cos a, 0) an elevation error, and a shift along (cos e cos a, cos e sin a, sin e) a range error. A constant rotation
 about z is part of the registration.
 
-If the specification of the instrument is known, the prior standard deviation of each error is the specified limit at
-the distances of the table. An error larger than specified is a separate candidate, with the penalty of a defective
-instrument. A random walk along the rows is a motion of the stand of the instrument, which no specification covers.
+If the specification of the instrument is known, the prior standard deviation of each instrument error is the
+permissible error at the RMS distance of the measured points. An error larger than specified is a separate candidate,
+with the penalty of a defective instrument. A random walk along the rows is a motion of the stand of the instrument,
+which no specification covers.
 """
 
 from collections.abc import Callable, Iterator

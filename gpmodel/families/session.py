@@ -90,7 +90,7 @@ def _steps(states: States) -> list[int]:
 
 
 def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
-    """Yield a sudden shift (step) of one frame after each row, along all axes together and along each axis alone."""
+    """Yield a sudden motion of one frame after each tested row, along all axes together and along each axis alone."""
     rows = _steps(states)
     name, basis = f"{what} after row {symbol()}", Expression(f"step(row - {symbol()})")
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
@@ -139,17 +139,17 @@ def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one sudden motion of the robot's base between two rows of the table."""
+    """Yield, for each tested row of the table, candidate effects in which the base of the robot moves after the row."""
     yield from _moved_once("set-up moved", "base", AXES, "set_up_step", states)
 
 
 def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one sudden shift of the tool between two rows of the table, m."""
+    """Yield, for each tested row of the table, candidate effects in which the tool shifts suddenly after the row, m."""
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
 def zero_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield one sudden shift of each joint zero between two rows of the table, as after a collision."""
+    """Yield, for each joint and tested row, a sudden shift of the joint zero after the row, as by a collision."""
     rows, name = _steps(states), f"zero slipped after row {symbol()}"
     for j in mechanism.joints:
         slip = drive_effect(f"{name}, {j.name}", j, Expression(f"step(row - {symbol()})"), family="zero_slip")

@@ -219,11 +219,11 @@ def _unchanged(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _by_levels(expression: sympy.Expr) -> sympy.Expr:
-    """Simplify an expression level by level: functions of an angle inside another function come first.
+    """Simplify an expression from the inside to the outside: the arguments of functions first.
 
     The search of sympy for trigonometric identities inside the arguments of functions takes long. Each argument of a
-    function is therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after
-    expansion is not simplified.
+    function is therefore simplified alone and replaced by a symbol. An expression or argument with more than MOST_TERMS
+    terms after expansion stays unchanged.
     """
     inside: dict[sympy.Expr, sympy.Symbol] = {}
 

@@ -106,7 +106,7 @@ def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
 
 @runtime_checkable
 class Branched(Protocol):
-    """A mechanism of several kinematic chains. `slots` lists the slots of all chains one after the other.
+    """A mechanism of several kinematic chains. `slots` lists the frames at which errors act (slots), chain by chain.
 
     `transforms` gives each slot in the frame of the previous slot of the list `slots`. An error moves only later slots
     (frames) of its chain.

@@ -61,7 +61,8 @@ def constant_of(name: str) -> tuple[str, str, float] | None:
 class Past:
     """The columns of a whole table in the order of measurement, and the columns with memory computed from them.
 
-    clock: name of the column of times, or `row`. A column with memory is computed once, on first use.
+    clock: name of the column of times, or `row` for the row number. A column with memory (of earlier poses) is computed
+    once, on first use.
     """
 
     columns: Mapping[str, Array]
@@ -70,7 +71,7 @@ class Past:
     _known: dict[str, Array] = field(default_factory=dict)
 
     def column(self, name: str) -> Array | None:
-        """Return the column with memory (of earlier poses) of the given name, or None for any other name."""
+        """Return the values of a column that depends on earlier poses, by its name, or None for any other name."""
         if name not in self._known:
             sources = read_by(name)
             if not sources or sources[0] not in self.columns:

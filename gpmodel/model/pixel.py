@@ -1,8 +1,8 @@
 """Corners of a board in the image of a camera. Camera and board are each fixed to the world or carried by a link.
 
 A corner x of the board is at X = (F_c C)⁻¹ F_b B x in the camera, with pose B of the board in the frame F_b of its link
-and pose C of the camera in the frame F_c of its link. gpmodel.model.lens converts X to pixels. B, C and unknown lens
-parameters are estimated.
+and pose C of the camera in the frame F_c of its link. gpmodel.model.lens converts X to pixels. The pose B of the board,
+the pose C of the camera and unknown lens parameters are estimated.
 """
 
 from collections.abc import Iterator, Mapping

@@ -38,15 +38,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS = 9
-"""Number of parameters with a separate panel in pictures of several machines, three in a row."""
+"""Largest number of parameters with a separate figure, three figures in a row of the page."""
 MOST_MACHINES = 60
-"""Largest number of machines in the map of machines and parameters."""
+"""Largest number of machines in the figure of the deviation of every machine in every parameter."""
 MOST_NAMES = 20
 """Largest number of names along an axis of a picture."""
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
-    """Yield pictures of several machines: errors of each, map of machines and parameters, single parameters."""
+    """Yield figures of several machines: errors, deviations in all parameters, and values of single parameters."""
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(

@@ -57,11 +57,11 @@ class ErrorsMm:
 
 @dataclass(frozen=True)
 class PredictedRecord:
-    """3-D errors, mm, of predictions by the saved model, as measured (`predict --session`) and without an option.
+    """3-D errors, mm, of `gpmodel predict`: with `--session` (fields `as_measured`) or without an option.
 
     heldout: errors at held-out poses, by fits without these poses. model: errors at all poses, by model.json, which is
-    fitted to all poses. Predictions without an option omit instrument errors, and describe the robot at the end of the
-    session.
+    fitted to all poses. `predict --session` includes instrument errors, and row k is predicted for the time of row k of
+    the session. `predict` without an option omits instrument errors, and predicts for the end of the session.
     """
 
     heldout_as_measured: ErrorsMm = ErrorsMm()
@@ -71,7 +71,7 @@ class PredictedRecord:
 
     @property
     def differs(self) -> bool:
-        """True if the error of `predict` without an option differs visibly from the error as measured."""
+        """True if the RMS error of `predict` without an option differs visibly from that of `predict --session`."""
         session, plain = self.model_as_measured.rms_mm, self.model.rms_mm
         return session is not None and plain is not None and abs(plain - session) > VISIBLE * session
 

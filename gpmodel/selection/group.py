@@ -54,11 +54,11 @@ class Shapes:
 class Group(Candidate):
     """Effects that enter a model together. Their coefficients u_k ~ N(0, a spread_k²) share one prior variance a.
 
-    spreads: standard deviation of the coefficient of each effect for a = 1, scaled so that Σ spread_k² var(φ_k) = 1
-    for basis functions φ_k. √a is then the RMS motion of the group's site, rad or m. where: frame (slot) and axis of
-    the site. cap: largest √a; for specified priors the specified value. always_included: exempt from deletion. parts:
-    groups of one kind at several sites that form the group, empty for a plain group. inner: nonlinear constants in
-    basis functions; None without any or if an effect is deleted.
+    spreads: prior standard deviations of the coefficients u_k for a = 1, scaled so that Σ spread_k² var(φ_k) = 1 with
+    the basis function φ_k of effect k. √a is then the RMS motion of the group's site, rad or m. where: frame (slot) and
+    axis of the site. cap: largest √a; for specified priors the specified value. always_included: exempt from deletion.
+    parts: groups of one kind at several sites that form the group, empty for a plain group. inner: nonlinear constants
+    in basis functions; None without any or if an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()

@@ -65,7 +65,7 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
     if how == ORDER:
         if len(first.cells) != len(second.cells):
             said = f"{len(first.cells)} rows, {second.source} has {len(second.cells)}"
-            raise InputError(f"{first.source}: {said}; expected as many, or --join with a column of both")
+            raise InputError(f"{first.source}: {said}; expected equal numbers, or --join with a column of both files")
         return _beside(first, second, np.arange(len(first.cells)), np.arange(len(second.cells)), how)
     if how.startswith(ROWS):
         pairs = np.array([pair for text in how.removeprefix(ROWS).split(",") for pair in _stretch(text)])
@@ -104,7 +104,7 @@ def _stretch(text: str) -> list[tuple[int, int]]:
     numbers = [int(word) - 1 for word in found.groups()] if found else [0, 0, 0, 1]
     if numbers[1] - numbers[0] != numbers[3] - numbers[2]:
         raise InputError(
-            f"join: '{text.strip()[:60]}'; expected as many rows of both, as in rows 1-6 = 1-6, 8-40 = 7-39"
+            f"join: '{text.strip()[:60]}'; expected equal numbers of rows, as in rows 1-6 = 1-6, 8-40 = 7-39"
         )
     return list(zip(range(numbers[0], numbers[1] + 1), range(numbers[2], numbers[3] + 1), strict=True))
 

@@ -175,12 +175,12 @@ def test_a_file_without_a_header_goes_by_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ("order", "t.csv: 3 rows, u.csv has 2; expected as many"),
+        ("order", "t.csv: 3 rows, u.csv has 2; expected equal numbers, or --join with a column of both files"),
         ("no = No", "t.csv has no column 'no'; it has N"),
         ("N = x", "no common value of 'N = x'"),
-        ("rows 1-2 = 1-3", "'1-2 = 1-3'; expected as many rows of both"),
+        ("rows 1-2 = 1-3", "'1-2 = 1-3'; expected equal numbers of rows"),
         ("rows 1-9 = 1-9", "t.csv has 3 rows, u.csv 2"),
-        ("rows all", "'all'; expected as many rows of both"),
+        ("rows all", "'all'; expected equal numbers of rows"),
         ("time N = M", "no times; expected clock times or numbers"),
     ],
 )

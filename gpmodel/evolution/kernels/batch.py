@@ -120,8 +120,9 @@ def compensator_fitness(
 ) -> None:
     """Fill ``fitness`` with the largest squared distance, or the sum, of three outputs from the measured points.
 
-    A program is dropped with an infinite fitness once its value exceeds ``cutoff`` after a block of poses, or if an
-    output is not finite. The last row of ``rows`` is scratch space for the squares.
+    The smallest fitness is the best. A program gets an infinite fitness, and runs on no further block of poses, once
+    its fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of ``rows`` is
+    scratch space for the squares.
     """
     base, poses = fixed.shape
     block = rows.shape[1]

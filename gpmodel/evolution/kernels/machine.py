@@ -84,7 +84,7 @@ def reaching_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables,
     the first.
 
     Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
-    accumulator). Instructions after the last store to an output are skipped first.
+    accumulator). Instructions after the last store to an output have no effect and are left out.
     """
     needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
     end = count
