@@ -302,7 +302,7 @@ def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
     """Select the significant changes of a machine, the most probable first, each given earlier changes; also return the
-    residual without all of them.
+    residual without all of them. The sizes are those of a common fit.
 
     Changes that the poses do not distinguish count as one, named after the part that a repairer checks first.
 
@@ -310,7 +310,7 @@ def changes(
     change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
     change that the slow drift explains as well counts as set-up.
     """
-    out: list[NamedChange] = []
+    out, taken = list[NamedChange](), list[PossibleChange]()
     left, kinds = found, list(SHARES)
     while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
         here = [h.beside(left) for h in tried]
@@ -330,7 +330,19 @@ def changes(
         size = chosen.fitted(left.z)
         out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
         left = left.without(chosen.columns if chosen.kind != SET_UP else np.hstack([chosen.columns, wander(left)]))
-    return tuple(out), left
+        taken.append(tried[best])
+    return tuple(_resized(found, out, taken)), left
+
+
+def _resized(found: Recheck, named: Sequence[NamedChange], chosen: Sequence[PossibleChange]) -> Iterator[NamedChange]:
+    """Yield identified changes with the sizes of one common fit of all changes of the machine."""
+    spans = [c.columns if c.kind != SET_UP else np.hstack([c.columns, wander(found)]) for c in chosen]
+    for change, own in zip(named, chosen, strict=True):
+        others = [span for span, c in zip(spans, chosen, strict=True) if c is not own]
+        rest = found.without(np.hstack(others)) if others else found
+        alone = own.beside(rest)
+        value, stderr = alone.fitted(rest.z) if alone.columns.any() else (change.value, change.stderr)
+        yield replace(change, value=value, stderr=stderr)
 
 
 def _likelihood(left: Recheck, explained: float = 0.0) -> float:

@@ -61,6 +61,17 @@ def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
 
 
+def test_sizes_of_two_changes_are_those_of_a_common_fit(fitted: Fitted) -> None:
+    """A zero and a tool that slipped: the first change named must not absorb a part of the second."""
+    model, made = fitted
+    off = []
+    for seed in range(6):
+        found = {c.name: c for c in model.verify(later(made, seed, joint=4, moved=1e-3, tool=3e-4)).record.changes}
+        zero, tool = found["zero of J5"], found["tool point"]
+        off += [(zero.value - 1e-3) / zero.stderr, (tool.value - 3e-4) / tool.stderr]
+    assert np.sqrt(np.mean(np.square(off))) < 1.7
+
+
 SCARA = """
 convention = "modified"
 [[joint]]
