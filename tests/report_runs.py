@@ -82,7 +82,7 @@ def evolved() -> Report:
     arm, poses, train = discovery.mechanism, discovery.poses, discovery.train
     fit = calibrate(ErrorModel(arm, discovery.standard_model), poses.subset(train))
     task = slot_task(fit, arm, poses.subset(train), 0)
-    settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
+    settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9))}
     plan = Plan(settings, 2, 0)
     done = run_all(plan.tasks(task.problem), Threads(1), KeptRuns(), lambda _: None)
     runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]

@@ -36,9 +36,7 @@ POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("
 def cartesian_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
     sequences = replace(Linear.thesis(), crossover=0.03, mutation=0.03)
     settings = thesis_settings(sequences, chosen.population, chosen.generations)
-    return cartesian(model, case.poses.subset(case.train)), replace(
-        settings, budget=replace(settings.budget, threads=1)
-    )
+    return cartesian(model, case.poses.subset(case.train)), settings
 
 
 def slot_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
@@ -46,7 +44,7 @@ def slot_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     residual = residual_of(model, train, Criteria(), 0)
     seen = targets(residual, sites_of(case.mechanism), np.arange(len(train)))
-    budget = Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, threads=1)
+    budget = Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9)
     return SlotProblem(inputs, seen, parsimony=2.0), Settings(budget=budget)
 
 

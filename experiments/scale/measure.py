@@ -108,7 +108,7 @@ def small_run(seed: int) -> float:
     """One small GP run."""
     inputs = Inputs(("a", "b"), np.random.default_rng(0).uniform(-2, 2, (2, 100)))
     problem = SlotProblem(inputs, regression(np.sin(inputs["a"]) * inputs["b"]))
-    settings = Settings(Linear(), budget=Budget(128, 10, seconds=1e9, climb=0, threads=1))
+    settings = Settings(Linear(), budget=Budget(128, 10, seconds=1e9, climb=0))
     return evolve(problem, settings, np.random.default_rng(seed)).best.gain
 
 

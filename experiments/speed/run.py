@@ -22,7 +22,6 @@ from experiments.speed.peers import EFFECTS, cold_start, deap_evaluate, full_tre
 from experiments.tables import write_table
 from gpmodel.discovery.search import Search
 from gpmodel.evolution import engine
-from gpmodel.evolution.engine import over_slices
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.machine import Layout
@@ -62,18 +61,15 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
     inputs = Inputs(("x", "y", "z", *(f"J{k}" for k in range(1, 7))), np.vstack([points, joints]))
     measured = points + 0.1 * np.stack([np.sin(joints[3]), 0.5 * points[1], np.zeros(40)])
     run = Generations(CartesianProblem(inputs, measured), thesis_settings(Linear.thesis()), rng)
-    population = run.breeding.initial(65536, rng)
-    scores = run.scores(population)
-    rows = {"evaluation, random population": timed(lambda: run.scores(population), repeats)}
+    population, scores = run.start()
+    rows = {"evaluation, random population": timed(lambda: run.scored(population), repeats)}
     for _ in range(30):
         population, scores = run.next_generation(population, scores)
-    rows["evaluation, generation 30"] = timed(lambda: run.scores(population), repeats)
+    rows["evaluation, generation 30"] = timed(lambda: run.scored(population), repeats)
     rows["one generation"] = timed(lambda: run.next_generation(population, scores), repeats)
-    decode = population.decoder(run.layout)
-    rows["of it: decoding"] = timed(
-        lambda: over_slices(65536, run.threads, lambda part: decode(part) and None, 2048), repeats
-    )
-    code = decode(slice(0, 2048))
+    slices = [slice(begin, begin + 2048) for begin in range(0, 65536, 2048)]
+    rows["of it: decoding"] = timed(lambda: [population.decoded(run.layout, part).length for part in slices], repeats)
+    code = population.decoded(run.layout, slices[0])
     live = np.concatenate([words[:n] & 0xFFFF for words, n in zip(code.words, code.length, strict=True)])
     poses = 32 * sum(np.count_nonzero(live == c) * seconds for c, seconds in operator_seconds().items())
     return {
@@ -117,10 +113,9 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
     first = np.empty(16384)
 
     def evaluate() -> None:
-        def work(part: slice) -> None:
+        for begin in range(0, 16384, 512):
+            part = slice(begin, begin + 512)
             first[part] = engine.values(forest.decoded(layout, part), fixed)[:, 0, 0]
-
-        over_slices(16384, cores(), work, 512)
 
     rows = {
         "here": timed(evaluate, repeats),

@@ -108,8 +108,7 @@ def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
     """Return the settings of evolution by representation: for Cartesian space as in Robertson (2003), else defaults.
 
-    A run uses one thread, because several runs are executed in parallel. Raises InputError for a population too small
-    for the selection scheme.
+    Raises InputError for a population too small for the selection.
     """
     generations = effort.generations
     if generations is None:
@@ -124,7 +123,7 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
             if space == "cartesian"
             else Settings(strategy, budget=Budget(size, generations))
         )
-        budget = replace(settings.budget, seconds=seconds, threads=1)
+        budget = replace(settings.budget, seconds=seconds)
         chosen[name] = replace(settings, budget=budget, selection=effort.selection or settings.selection)
     return chosen
 

@@ -12,7 +12,7 @@ from gpmodel.discovery.refinement import detailed, refined_fit
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.chance import largest_p_value, permutation_p_value
+from gpmodel.evolution.chance import permutation_p_value
 from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate, is_program
 from gpmodel.selection.causes import credible_set
@@ -85,5 +85,5 @@ def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[A
     score = replace(scores(residual, [candidate])[0], nats=nats)
     by_chance = permutation_p_value(nats - residual.criteria.head_start * (not candidate.family), nulls[0])
     if is_program(kept.group.found_by) and len(nulls[1]):
-        by_chance = largest_p_value(by_chance, permutation_p_value(nats, nulls[1]))
+        by_chance = max(by_chance, permutation_p_value(nats, nulls[1]), key=lambda found: found.p)
     return tested(residual, candidate, score, by_chance, before)

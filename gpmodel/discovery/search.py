@@ -70,4 +70,4 @@ class Search:
         if opening:
             population = min(population, self.opening_population)
             generations = min(generations, self.opening_generations)
-        return Budget(population, generations, seconds=1e9, climb=self.climb, threads=1)
+        return Budget(population, generations, seconds=1e9, climb=self.climb)

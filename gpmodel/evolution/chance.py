@@ -36,11 +36,6 @@ def permutation_p_value(value: float, null: Array) -> PValue:
     return PValue(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null))
 
 
-def largest_p_value(first: PValue, *others: PValue) -> PValue:
-    """Return the largest of several p-values of one finding."""
-    return max((first, *others), key=lambda found: found.p)
-
-
 def _tail(value: float, null: Array) -> float:
     """Return the tail probability of Gumbel's distribution of maxima (Gumbel 1958), fitted to T maxima under the null.
 

@@ -8,6 +8,19 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 
 
+class SiteStatistics(NamedTuple):
+    """Statistics of the residual at one site, see ``projection.Targets``: weight and pull (poses,), cross (columns,
+    poses). begins: position of the first number other than zero in each row of cross; many are zero after a QR
+    decomposition."""
+
+    weight: Array
+    cross: Array
+    begins: IntArray
+    pull: Array
+    energy: float
+    unique_share: float
+
+
 class Tables(NamedTuple):
     """Tables from which the compiled loops decode programs. An instruction is 256 * op-code + operand byte.
 
@@ -35,7 +48,6 @@ class Code(NamedTuple):
 
     words: instructions (programs, longest), of which the first ``length`` are used.
     outputs: instruction row of each output, (programs, outputs).
-    nodes: number of operators and of references to leaves, per program.
     hashes: hash of the code, per program.
     constants: constants that belong to each program, (programs, constants).
     """
@@ -43,10 +55,47 @@ class Code(NamedTuple):
     words: IntArray
     outputs: NDArray[np.uint16]
     length: IntArray
-    nodes: IntArray
     hashes: NDArray[np.uint64]
     constants: Array
 
     def take(self, rows: NDArray[np.intp]) -> "Code":
         """Return the code of the programs with the given row numbers."""
         return Code._make(part[rows] for part in self)
+
+
+class Scores(NamedTuple):
+    """Scores of programs, one row per program.
+
+    score: value that the evolution minimises.
+    gain: share of the residual that the program removes.
+    complexity: number of nodes of the outputs in use.
+    site: number of the program's best site.
+    chosen: bit set of the outputs in use.
+    hashes: hash of the effective code.
+    """
+
+    score: Array
+    gain: Array
+    complexity: IntArray
+    site: IntArray
+    chosen: IntArray
+    hashes: NDArray[np.uint64]
+
+    @staticmethod
+    def empty(count: int) -> "Scores":
+        """Allocate arrays for the scores of `count` programs."""
+        complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
+        return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
+
+    def fill(self, part: slice | NDArray[np.intp], other: "Scores") -> None:
+        """Set the scores of some programs."""
+        for own, given in zip(self, other, strict=True):
+            own[part] = given
+
+    def take(self, rows: NDArray[np.intp]) -> "Scores":
+        """Return the scores of the programs with the given row numbers."""
+        return Scores._make(column[rows] for column in self)
+
+    def join(self, other: "Scores") -> "Scores":
+        """Return the scores of these programs followed by the scores of ``other``."""
+        return Scores._make(map(np.concatenate, zip(self, other, strict=True)))

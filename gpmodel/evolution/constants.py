@@ -38,10 +38,8 @@ def polish(
     names = program.inputs
     columns = np.array([inputs[name] for name in names], dtype=float).reshape(-1, place.poses)
     constants = np.array(program.constants)
-    gain = fit_constants(
-        _nodes(program, names), columns, constants, free, place.weight[0], place.cross[0], place.begins, place.pull[0],
-        float(place.energy), place.unique_share, (SMALLEST, LARGEST, IDLE), steps,
-    )  # fmt: skip
+    limits = (SMALLEST, LARGEST, IDLE)
+    gain = fit_constants(_nodes(program, names), columns, constants, free, place.first, limits, steps)
     return program.with_constants(constants.tolist()), gain
 
 
@@ -60,12 +58,3 @@ def _nodes(program: Program, names: Sequence[str]) -> IntArray:
         else:
             found.append((BY_NAME[node.operator].code, node.arguments[0], node.arguments[-1]))
     return np.array(found, dtype=np.int64).T.copy()
-
-
-def own_constants_polished(
-    program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
-) -> Array:
-    """Fit the constants that an evolved program carries; constants that reach no output are unchanged."""
-    better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
-    change = dict(zip(program.constants, better.constants, strict=True))
-    return np.array([change.get(value, value) for value in own.tolist()])

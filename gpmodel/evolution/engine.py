@@ -1,39 +1,11 @@
 """Run populations of programs with compiled loops."""
 
-import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.code import Code
-
-SLICE = 512
-"""Number of programs that a thread runs together: their values fit into its cache."""
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="gpmodel")
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)
-
-
-def over_slices(count: int, threads: int, work: Callable[[slice], None], size: int = SLICE) -> None:
-    """Call the function ``work`` on slices of ``range(count)``, which do not depend on the number of threads."""
-    slices = [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
-    if threads == 1 or len(slices) == 1:
-        for part in slices:
-            work(part)
-    else:
-        list(_pool(threads).map(work, slices))
-
 
 BLOCK = 128
 """Number of poses at which programs run together if they can be dropped: the values fit into the first-level cache."""
@@ -51,7 +23,6 @@ def empty_code(constants: Array, longest: int, outputs: int) -> Code:
         workspace("words", (size, longest)).view(np.int64),
         np.empty((size, outputs), np.uint16),
         np.empty(size, np.int64),
-        np.empty(size, np.int64),
         np.empty(size, np.uint64),
         constants,
     )
@@ -64,14 +35,6 @@ def values(code: Code, fixed: Array) -> Array:
     found = workspace("values", (len(code.length), code.outputs.shape[1], fixed.shape[1]))
     batch.output_values(code, fixed, _rows(code, fixed, LONG_BLOCK), found)
     return found
-
-
-def sizes(code: Code, base: int) -> NDArray[np.uint16]:
-    """Return for each program the number of nodes on which exactly the outputs of each bit set depend. base: number of
-    rows of inputs and fixed constants."""
-    from gpmodel.evolution.kernels import batch
-
-    return batch.sizes_by_outputs(code, base)
 
 
 def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, cutoff: float) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import binned, founders
-from gpmodel.evolution.memetic import GENERATIONS, LONGEST, Formulas, evolve_formulas, shortened
+from gpmodel.evolution.memetic import GENERATIONS, LONGEST, Formulas, added, evolve_formulas, shortened
 from gpmodel.evolution.pareto import Solution, pareto
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
@@ -25,7 +25,6 @@ from gpmodel.evolution.smooth import (
     distance,
     factors,
     noise_left,
-    others,
     product_and_summand,
     summands,
     through,
@@ -76,11 +75,8 @@ def formulas_at(
     read = {name for one in population.best(1) for name in one.program.inputs}
     shortened(population)
     evolve_formulas(population, [name for name in there.inputs.names if name in read.union(names)], generations)
-    return pareto(filter(_sound, population.found), lambda one: (one.complexity, length(one.program)))
-
-
-def _sound(one: Solution) -> bool:
-    return 0 < one.complexity <= LONGEST and bool(one.program.inputs)
+    sound = (one for one in population.found if one.complexity <= LONGEST and one.program.inputs)
+    return pareto(sound, lambda one: (one.complexity, length(one.program)))
 
 
 def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
@@ -151,7 +147,8 @@ def _products(problem: SlotProblem) -> _Structure:
     noise, values = factors(problem.targets, problem.inputs.values)
 
     def programs() -> list[Program]:
-        seen = (through(problem.targets, others(values, k)) for k in range(len(values)))
+        others = (np.prod(np.delete(values, k, axis=0), axis=0) for k in range(len(values)))
+        seen = (through(problem.targets, other) for other in others)
         fronts = _of_each(problem, *seen)
         names = [f"factor_{k}" for k in range(len(fronts))]
         product = parse("*".join(names))
@@ -168,7 +165,7 @@ def _sums(problem: SlotProblem) -> _Structure:
     seen = without(problem.targets, second), without(problem.targets, first)
 
     def programs() -> list[Program]:
-        return _added(problem, *_of_each(problem, *seen))
+        return [added(problem, *pair) for pair in itertools.product(*_of_each(problem, *seen))]
 
     return _Structure(noise_left(seen[0], problem.inputs.values[0]), programs)
 
@@ -187,19 +184,10 @@ def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
         population.add(_products(rest).programs())
         firsts = [one.program for one in population.best(PIECES)]
         seen = without(problem.targets, product)
-        return _added(problem, firsts, _of_column(problem, last, columns[-1], seen))
+        seconds = _of_column(problem, last, columns[-1], seen)
+        return [added(problem, *pair) for pair in itertools.product(firsts, seconds)]
 
     return _Structure(noise, programs)
-
-
-def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Program]) -> list[Program]:
-    """Return the sum of every first and every second program, with the ratio of their coefficients solved."""
-    found, columns = [], problem.inputs.mapping()
-    for f, s in itertools.product(firsts, seconds):
-        one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
-        weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
-        found.append(weighted.with_inputs({"first": f, "second": s}))
-    return found
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:

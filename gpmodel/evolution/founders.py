@@ -133,23 +133,20 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         yield Element(name + "({a} - {q})", partial(lambda f, x: f(-x), apply[name]), 1.0, 1.0 + d)
 
 
-def _cubics() -> Iterator[Element]:
-    """Yield cubic polynomials by their middle root; a product of a parabola and a line needs more constants."""
-    for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
-        yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
+def _only_fine() -> Iterator[Element]:
+    """Yield cubics by their middle root, odd or even powers with real exponents about their root, and rectified waves.
 
-
-def _powers() -> Iterator[Element]:
-    """Yield powers with real exponents, odd or even about their root, as elements of formulas."""
-    for c, p in product(_inside(ALONE), EXPONENTS):
-        yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(lambda e, x: x * abs(x) ** e, p), c=c)
-        yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(lambda e, x: abs(x) ** e, p + 1.0), c=c)
-
-
-def _rectified() -> Iterator[Element]:
-    """Yield rectified sine waves, which as compositions of elements would begin too far from the rate in the data."""
-    for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
-        yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
+    As products or compositions of other elements they need more constants, or start too far from the rate in the data.
+    """
+    for c in _inside(ALONE):
+        for root in _in_proportion(ROOTS):
+            yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
+        for p in EXPONENTS:
+            odd, even = partial(lambda e, x: x * abs(x) ** e, p), partial(lambda e, x: abs(x) ** e, p + 1.0)
+            yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", odd, c=c)
+            yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", even, c=c)
+        for k in _in_proportion(TURNS, ALONE):
+            yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
 
 
 class Elements:
@@ -167,6 +164,17 @@ class Elements:
     def of_text(self, text: int) -> slice:
         """Return the positions in `every` of the elements with shape number ``text``."""
         return slice(self.first[text], self.first[text + 1] if text + 1 < len(self.first) else len(self.every))
+
+    def best(self, nats: Array, build: Callable[[int], Program]) -> Iterator["Trial"]:
+        """Yield for each shape the element with the best constants. nats: approximate net gain of each element.
+        build: function that makes the program of an element, by its position."""
+
+        def of_text(text: int) -> Program:
+            numbers = self.of_text(text)
+            return build(numbers.start + int(np.argmax(nats[numbers])))
+
+        for text, largest in enumerate(np.maximum.reduceat(nats, self.first).tolist()):
+            yield Trial(largest, partial(of_text, text))
 
     def on_grid(self, columns: Array) -> Array:
         """Return the values (columns, elements, poses) of all elements at columns (columns, poses); none constant."""
@@ -188,20 +196,18 @@ def edges(column: Array) -> Elements:
     return Elements(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist())
 
 
-ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
+ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_only_fine()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
 """Squares about points outside an input's range, as arguments of other elements: a sine of a square is a chirp."""
 
-Build = Callable[[], Program]
-
 
 @dataclass(frozen=True)
-class Founder:
-    """A short formula before its constants are fitted. nats: gain minus the penalty of its elements, nats. build:
-    function that makes the program."""
+class Trial:
+    """A formula before its constants are fitted. nats: its approximate net gain, nats. build: function that makes the
+    program."""
 
     nats: float
-    build: Build
+    build: Callable[[], Program]
 
 
 def founders(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
@@ -223,8 +229,7 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
     found += _products(alone, seen, of)
     found += _composed(ELEMENTS, {name: few}, seen, of)
     found += _composed(FAR, {name: few}, seen, of)
-    best = sorted(found, key=lambda founder: -founder.nats)[:most]
-    return [founder.build() for founder in best]
+    return [trial.build() for trial in sorted(found, key=lambda trial: -trial.nats)[:most]]
 
 
 def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
@@ -248,16 +253,13 @@ def _nats(values: Array, targets: Targets) -> Array:
     return fit_nats(targets.gains(flat)[:, 0], targets.components).reshape(values.shape[:-1])
 
 
-def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield for each shape of element the element with the best constants, as a short formula."""
-    nats = _nats(elements.on_grid(column[None, :])[0], targets)
-    for text in range(len(elements.texts)):
-        numbers = elements.of_text(text)
-        best = numbers.start + int(np.argmax(nats[numbers]))
-        yield Founder(float(nats[best]) - JOINED, partial(of, elements.every[best]))
+def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Trial]:
+    """Yield for each shape of element the element with the best constants, as a short form."""
+    nats = _nats(elements.on_grid(column[None, :])[0], targets) - JOINED
+    return elements.best(nats, lambda k: of(elements.every[k]))
 
 
-def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
+def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Trial]:
     """Yield the product of two elements with the best constants, for every pair of shapes."""
     nats = np.full((len(alone), len(alone)), -np.inf)
     for one in range(len(alone)):
@@ -271,7 +273,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
 
 def _composed(
     inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
-) -> Iterator[Founder]:
+) -> Iterator[Trial]:
     """Yield the composition of two elements with the best constants, for every pair of shapes."""
     inside = inner.on_grid(np.array(list(columns.values())))[0]
     nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
@@ -287,7 +289,7 @@ def _composed(
     yield from _of_blocks(nats, inner, build)
 
 
-def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
+def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Trial]:
     """Yield the pair of elements with the best constants, for every pair of shapes. nats: gain of each pair, nats."""
     best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
     for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
@@ -295,7 +297,7 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
         block = nats[rows, columns]
         row, column = np.unravel_index(int(np.argmax(block)), block.shape)
         number = int(rows.start + row), int(columns.start + column)
-        yield Founder(float(best[one, other]) - 2.0 * JOINED, partial(build, *number))
+        yield Trial(float(best[one, other]) - 2.0 * JOINED, partial(build, *number))
 
 
 def product_of(first: Program, second: Program) -> Program:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.formula.operators import ARITHMETIC, BY_CODE, BY_NAME, Operator
+from gpmodel.formula.operators import ARITHMETIC, BY_CODE, Operator
 from gpmodel.formula.program import Program
 
 ANY, CONSTANT, NUMBER = "any", "constant", "number"
@@ -97,22 +97,15 @@ class Typing:
         made = (CONSTANT, NUMBER, BENT, SQUARE, *self.inputs) if self.inputs else (ANY,)
         return tuple(dict.fromkeys(made))
 
-    def numbers(self, kinds: Sequence[str]) -> NDArray[np.uint8]:
-        """Return the numbers of kinds of quantities, as the compiled loops use them."""
-        return np.array([self.kinds.index(kind) for kind in kinds], dtype=np.uint8)
-
     @cached_property
     def of_inputs(self) -> NDArray[np.uint8]:
         """Number of the kind of quantity of each input; empty if the inputs have no kinds."""
-        return self.numbers(self.inputs)
-
-    def results(self, operator: Operator) -> NDArray[np.uint8]:
-        """Return the kind number of an operator's result for every kind of its argument, or every pair of kinds of its
-        two arguments. The number is ``NONE`` if the operation is not allowed."""
-        return self._results[operator.name]
+        return np.array([self.kinds.index(kind) for kind in self.inputs], dtype=np.uint8)
 
     @cached_property
-    def _results(self) -> dict[str, NDArray[np.uint8]]:
+    def results(self) -> dict[str, NDArray[np.uint8]]:
+        """Kind number of each operator's result for every kind of its argument, or every pair of kinds of its two
+        arguments. The number is ``NONE`` if the operation is not allowed."""
         found = {}
         for operator in ARITHMETIC:
             table = np.full((len(self.kinds),) * operator.arity, NONE, dtype=np.uint8)
@@ -136,7 +129,7 @@ class Typing:
             offered = [operator for operator in operators if operator.arity == arity]
             for place, asked in enumerate(offered):
                 for other in reversed(offered[place:] + offered[:place]):
-                    made = self.results(other).astype(np.uint16)
+                    made = self.results[other.name].astype(np.uint16)
                     made = made[:, None] if arity == 1 else made
                     part = table[asked.code, :, : made.shape[1]]
                     part[...] = np.where(made != NONE, 256 * other.code + made, part)
@@ -151,7 +144,7 @@ class Typing:
             elif node.operator == "constant":
                 found.append(0)
             else:
-                found.append(int(self.results(BY_NAME[node.operator])[tuple(found[k] for k in node.arguments)]))
+                found.append(int(self.results[node.operator][tuple(found[k] for k in node.arguments)]))
                 if found[-1] == NONE:
                     return False
         return True

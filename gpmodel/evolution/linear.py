@@ -4,9 +4,7 @@ Source: thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator sta
 operator at the very end that lacks its operand is dropped.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.code import Code
-from gpmodel.evolution.engine import empty_code, over_slices
+from gpmodel.evolution.engine import empty_code
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.representation import Population, check_ranges
@@ -63,16 +61,37 @@ class Linear:
             start_inputs=False, direct=False, crossover=0.01, mutation=0.01,
         )  # fmt: skip
 
-    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
+    def layout(self, inputs: Inputs, start: tuple[str, ...]) -> Layout:
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
             first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]
         first = (first + [None] * self.registers)[: max(self.registers, self.outputs)]
-        layout = Layout(
+        return Layout(
             inputs.names, operator_set(self.operators), self.constants, tuple(first), self.outputs,
             self.own_constants, self.direct, inputs.kinds,
         )  # fmt: skip
-        return SequenceBreeding(layout, self.length, self.crossover, self.mutation, threads)
+
+    def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> "Sequences":
+        """Return sequences of uniform random bytes, which carry constants with a standard normal distribution."""
+        genes = rng.integers(0, 256, (population, self.length), dtype=np.uint8)
+        return Sequences(genes, rng.normal(size=(population, self.own_constants)))
+
+    def offspring(
+        self, layout: Layout, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp],
+        rng: np.random.Generator,
+    ) -> "Sequences":  # fmt: skip
+        """Return children (thesis Fig 5.3). While a child is copied, each element switches to the other parent at rate
+        ``crossover`` and is replaced by a random element at rate ``mutation``."""
+        assert isinstance(parents, Sequences), "sequences are bred from sequences"
+        from gpmodel.evolution.kernels.breeding import breed_sequences
+
+        seed = rng.integers(2**63, dtype=np.uint64)
+        genes = np.empty((len(mothers), self.length), dtype=np.uint8)
+        constants = np.empty((len(mothers), self.own_constants))
+        breed_sequences(
+            parents.genes, parents.constants, mothers, fathers, seed, self.crossover, self.mutation, genes, constants
+        )
+        return Sequences(genes, constants)
 
 
 @dataclass(frozen=True)
@@ -91,10 +110,7 @@ class Sequences:
     def join(self, other: "Sequences") -> "Sequences":
         return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
 
-    def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        return partial(self._decoded, layout)
-
-    def _decoded(self, layout: Layout, part: slice) -> Code:
+    def decoded(self, layout: Layout, part: slice) -> Code:
         from gpmodel.evolution.kernels.batch import decode_sequences
 
         longest = self.genes.shape[1] + layout.own_constants + 1
@@ -104,42 +120,3 @@ class Sequences:
 
     def with_constants(self, row: int, values: Array) -> "Sequences":
         return Sequences(self.genes[row : row + 1], values[None, :])
-
-
-@dataclass(frozen=True)
-class SequenceBreeding:
-    """Creation and variation of linear sequences (thesis Fig 5.3).
-
-    While a child is copied, each element switches to the other parent at rate ``crossover`` and is replaced by a random
-    element at rate ``mutation``.
-    """
-
-    layout: Layout
-    length: int = 160
-    crossover: float = 0.01
-    mutation: float = 0.01
-    threads: int = 1
-
-    def initial(self, population: int, rng: np.random.Generator) -> Sequences:
-        """Return sequences of uniform random bytes, which carry constants with a standard normal distribution."""
-        genes = rng.integers(0, 256, (population, self.length), dtype=np.uint8)
-        return Sequences(genes, rng.normal(size=(population, self.layout.own_constants)))
-
-    def offspring(
-        self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
-    ) -> Sequences:
-        assert isinstance(parents, Sequences), "sequences are bred from sequences"
-        from gpmodel.evolution.kernels.breeding import breed_sequences
-
-        seed = rng.integers(2**63, dtype=np.uint64)
-        genes = np.empty((len(mothers), self.length), dtype=np.uint8)
-        constants = np.empty((len(mothers), self.layout.own_constants))
-
-        def work(part: slice) -> None:
-            breed_sequences(
-                parents.genes, parents.constants, mothers[part], fathers[part], seed, part.start,
-                self.crossover, self.mutation, genes[part], constants[part],
-            )  # fmt: skip
-
-        over_slices(len(mothers), self.threads, work)
-        return Sequences(genes, constants)

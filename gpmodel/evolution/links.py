@@ -7,7 +7,7 @@ the ratio of an error of the response to an error of the link function.
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -141,7 +141,7 @@ def below_the_bar(values: Array, response: Array) -> Array:
 
 def summed(terms: Sequence[tuple[Program, float]]) -> Program:
     """Return the sum of programs, each multiplied by its coefficient."""
-    return reduce(lambda one, other: combine("add", one, other), (_scaled(*term) for term in terms))
+    return reduce(lambda one, other: combine("add", one, other), (scaled(*term) for term in terms))
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
@@ -160,7 +160,8 @@ def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, 
             continue
         found = np.linalg.lstsq(part, rest, rcond=None)[0]
         coefficients = dict(zip(free, (found / scale[free]).tolist(), strict=True))
-        simple = np.array([_simple(c, exponents[k]) for k, c in coefficients.items()])
+        powers = (exponents[k] and abs(c) <= LARGEST_POWER for k, c in coefficients.items())
+        simple = np.where(list(powers), 0.5 * np.round(2.0 * np.array([*coefficients.values()])), 0.0)
         left = rest - part @ found
         floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
         variances = np.square(np.linalg.inv(triangle)).sum(axis=1)
@@ -174,13 +175,14 @@ def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, 
     return held
 
 
-def _simple(coefficient: float, exponent: bool) -> float:
-    return 0.5 * round(2.0 * coefficient) if exponent and abs(coefficient) <= LARGEST_POWER else 0.0
-
-
-def _scaled(program: Program, coefficient: float) -> Program:
-    """Return a term multiplied by its coefficient; a program without inputs counts as 1."""
-    number = exactly(coefficient)
+def scaled(program: Program, factor: float) -> Program:
+    """Return a program times a factor, which is merged with an existing factor and omitted if it is 1. A program
+    without inputs counts as 1."""
+    root = program.nodes[program.outputs[0]]
+    if root.operator == "multiply" and program.nodes[root.arguments[0]].operator == "constant":
+        factor *= float(program.nodes[root.arguments[0]].value or 0.0)
+        program = replace(program, outputs=(root.arguments[1],)).select([0])
+    number = exactly(factor)
     if not program.inputs:
         return number
     return program if number.constants == (1.0,) else combine("multiply", number, program)
@@ -197,7 +199,7 @@ def _product(terms: Sequence[tuple[Program, float]]) -> Program:
             base = Builder(list(program.nodes)).program(last.arguments)
             factors.append(_power(base, half))
         else:
-            factors.append(combine("exp", _scaled(program, coefficient)))
+            factors.append(combine("exp", scaled(program, coefficient)))
     return reduce(lambda one, other: combine("multiply", one, other), [exactly(float(np.exp(level))), *factors])
 
 

@@ -10,17 +10,16 @@ Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable p
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 
 from gpmodel.arrays import LARGEST, Array
 from gpmodel.evolution.constants import polish
-from gpmodel.evolution.founders import ELEMENTS, combine, constant
+from gpmodel.evolution.founders import ELEMENTS, Trial, combine, constant
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
-from gpmodel.evolution.shorter import shorter_forms
+from gpmodel.evolution.shorter import replaced, scaled_in, shorter_forms
 from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Builder, Node, Program, description_size
 
@@ -128,14 +127,7 @@ def _centred(program: Program) -> Program:
         return program
     ((scale, value),) = scales.items()
     (scaled,) = (k for k in inside.arguments if k != scale)
-
-    def build(builder: Builder, node: Node, copies: list[int]) -> int:
-        if len(copies) != root:
-            return builder.add(node, copies)
-        half = builder.constant(0.5 * float(value or 0.0))
-        return builder.apply("tanh", builder.apply("multiply", half, copies[scaled]))
-
-    return program.rebuilt(build)
+    return replaced(program, {root: partial(scaled_in, "tanh", 0.5 * float(value or 0.0), scaled)})
 
 
 def evolve_formulas(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
@@ -167,20 +159,11 @@ def _promising(problem: SlotProblem, one: Solution, most: float) -> Iterator[Pro
             yield shorter
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """A new formula before its constants are fitted. nats: approximate net gain, nats. build: function that makes the
-    program."""
-
-    nats: float
-    build: Callable[[], Program]
-
-
 def _offspring(
     population: Formulas, parents: Sequence[Program], names: Sequence[str], elements: Mapping[str, Array]
 ) -> list[Program]:
     """Return the most promising offspring. elements: {input: values (elements, poses) of the elements of the input}."""
-    trials: list[_Trial] = []
+    trials: list[Trial] = []
     for program in itertools.takewhile(lambda _: not population.problem.is_over(), parents):
         values = program.evaluate(population.columns)[0]
         trials += _composed(population, program, values)
@@ -191,18 +174,7 @@ def _offspring(
     return [trial.build() for trial in best] + list(_crossed(parents))
 
 
-def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
-    """Yield for each shape of formula element the best constants. nats: gain of each element, nats."""
-
-    def best(text: int) -> Program:
-        numbers = ELEMENTS.of_text(text)
-        return build(numbers.start + int(np.argmax(nats[numbers])))
-
-    for text, largest in enumerate(np.maximum.reduceat(nats, ELEMENTS.first).tolist()):
-        yield _Trial(largest, partial(best, text))
-
-
-def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
+def _composed(population: Formulas, program: Program, values: Array) -> Iterator[Trial]:
     """Yield elements applied to a formula; nothing if the formula's values are too small or too large to be squared."""
     problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
     if not 1.0 / LARGEST < width < LARGEST:
@@ -210,10 +182,10 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
     with np.errstate(all="ignore"):
         gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])[:, 0]
     nats = problem.nats(gains, program.complexity + 1 + SIZES)
-    yield from _of_each_text(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
+    yield from ELEMENTS.best(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
 
 
-def _joined(population: Formulas, program: Program, values: Array, name: str, elements: Array) -> Iterator[_Trial]:
+def _joined(population: Formulas, program: Program, values: Array, name: str, elements: Array) -> Iterator[Trial]:
     """Yield products and sums of a formula and the elements of an input. elements: values (elements, poses)."""
     problem, column = population.problem, population.columns[name]
     plain, low, width = parse(repr(name)), float(column.min()), float(np.ptp(column))
@@ -223,25 +195,29 @@ def _joined(population: Formulas, program: Program, values: Array, name: str, el
         return combine("multiply", program, ELEMENTS.every[k].program(plain, low, width))
 
     def summand(k: int) -> Program:
-        element = ELEMENTS.every[k].program(plain, low, width)
-        both = np.vstack([values, element.evaluate(population.columns)[0]])
-        one, other = problem.targets.set_gain(both, 0)[1].tolist()
-        return combine("add", program, combine("multiply", constant(other / (one or 1.0)), element))
+        return added(problem, program, ELEMENTS.every[k].program(plain, low, width))
 
     gains = problem.targets.gains(values * elements)[:, 0]
-    yield from _of_each_text(np.asarray(problem.nats(gains, size)), factor)
+    yield from ELEMENTS.best(np.asarray(problem.nats(gains, size)), factor)
     gains = problem.targets.set_gains([values[None], elements], 0)
-    yield from _of_each_text(np.asarray(problem.nats(gains, size + 2)), summand)
+    yield from ELEMENTS.best(np.asarray(problem.nats(gains, size + 2)), summand)
 
 
-def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Iterator[_Trial]:
+def added(problem: SlotProblem, first: Program, second: Program) -> Program:
+    """Return the sum of two formulas, with the ratio of their coefficients solved."""
+    columns = problem.inputs.mapping()
+    one, other = problem.targets.set_gain(np.vstack([first.evaluate(columns), second.evaluate(columns)]), 0)[1].tolist()
+    return combine("add", first, combine("multiply", constant(other / (one or 1.0)), second))
+
+
+def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Iterator[Trial]:
     """Yield formulas in which a multiple of an input is added to a leaf, sized by the derivative of the formula."""
     problem, columns = population.problem, population.columns
     values = program.evaluate(columns)[0]
     for index, node in enumerate(program.nodes):
         if node.arguments:
             continue
-        moved = program.rebuilt(partial(_with_added, index, parse("z")))
+        moved = replaced(program, {index: partial(_plus, node, "z")})
         slope = _slope(moved, columns)
         others = [name for name in names if name != node.value]
         if slope is None or not others:
@@ -256,7 +232,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
                 term = combine("multiply", constant(other / one if one else 0.1), parse(repr(name)))
                 return moved.with_inputs({"z": term})
 
-            yield _Trial(nats, build)
+            yield Trial(nats, build)
 
 
 def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
@@ -270,9 +246,8 @@ def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
     return slope if np.isfinite(slope).all() and np.any(slope) else None
 
 
-def _with_added(index: int, term: Program, builder: Builder, node: Node, copies: list[int]) -> int:
-    own = builder.add(node, copies)
-    return builder.apply("add", own, builder.copy(term)[term.outputs[0]]) if len(copies) == index else own
+def _plus(leaf: Node, name: str, builder: Builder, copies: list[int]) -> int:
+    return builder.apply("add", builder.add(leaf, copies), builder.input(name))
 
 
 def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
@@ -282,10 +257,7 @@ def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
         for k, part in itertools.product(range(len(parts)), _parts(other)[1]):
             changed = [*parts[:k], part, *parts[k + 1 :]]
             if len(parts) > 1 and part not in parts:
-                whole = changed[0]
-                for further in changed[1:]:
-                    whole = combine(operator, whole, further)
-                yield whole
+                yield reduce(partial(combine, operator), changed)
 
 
 def _parts(program: Program) -> tuple[str, list[Program]]:

@@ -7,11 +7,11 @@ from operator import le
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.evolution.code import Scores
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
 from gpmodel.evolution.representation import Population, program_of
-from gpmodel.evolution.scoring import Scores
 from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
-from gpmodel.evolution.code import Code
+from gpmodel.evolution.code import Code, Scores
 from gpmodel.evolution.description_length import fit_nats, ranked
-from gpmodel.evolution.engine import BLOCK, compensator_fitness
+from gpmodel.evolution.engine import BLOCK, compensator_fitness, values
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.scoring import Scores, slot_scores
+from gpmodel.evolution.scoring import projected_scores
 
 COORDINATES = ("x", "y", "z")
 
@@ -115,11 +115,14 @@ class CartesianProblem:
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm.
         fixed: values (rows, poses) of inputs and constants. Scores above ``cutoff`` may be infinite."""
+        from gpmodel.evolution.kernels.batch import sizes_by_outputs
+
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self.initial_norm
-        return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
+        nodes = sizes_by_outputs(code, len(fixed)).sum(axis=1, dtype=np.int64)
+        return Scores(fitness + self.parsimony * nodes, gain, nodes, whole, whole + 7, code.hashes)
 
 
 def never() -> bool:
@@ -149,7 +152,7 @@ class SlotProblem:
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the description length and gain of decoded programs at their best site."""
-        return slot_scores(code, fixed, self.targets, self.parsimony)
+        return projected_scores(values(code, fixed), code, len(fixed), self.targets, self.parsimony)
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) minus the penalty of the

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.rows import independent, row_products, unit_rows
+from gpmodel.evolution.code import SiteStatistics
 
 UNIQUE_SHARE = 1e-4
 """Default of the least share of a column outside the span of the model's columns, for a gain above zero."""
@@ -82,10 +83,12 @@ class Targets:
         return np.ascontiguousarray(self.cross.swapaxes(0, 1))
 
     @cached_property
-    def begins(self) -> IntArray:
-        """Position of the first nonzero number in each row of ``cross`` at the first site. After a QR decomposition
-        many numbers are zero."""
-        return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
+    def first(self) -> SiteStatistics:
+        """Statistics of the residual at the first site."""
+        begins = np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
+        return SiteStatistics(
+            self.weight[0], self.cross[0], begins, self.pull[0], float(self.energy), self.unique_share
+        )
 
     @cached_property
     def components(self) -> int:
@@ -122,8 +125,6 @@ class Targets:
         values: values of basis functions (functions, poses). A function gets coefficient 0 if its share outside the
         columns of the model and the other functions is below ``unique_share`` (pivoted forward selection, no ridge).
         """
-        if len(values) == 1:
-            return self._gain_of_one(values[0], site)
         scale = np.abs(values).max(axis=1, initial=0.0)
         scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
         scaled = np.where(scale[:, None] > SMALLEST, unit_rows(values), 0.0)
@@ -141,20 +142,6 @@ class Targets:
         solution = np.linalg.solve(normal, pull[chosen] / diagonal) / diagonal
         coefficients[chosen] = solution / scale[chosen]
         return self.gain_of(values, coefficients, site), coefficients
-
-    def _gain_of_one(self, values: Array, site: int) -> tuple[float, Array]:
-        """Return the gain of one basis function (poses,) and its coefficient."""
-        largest = max(float(values.max()), -float(values.min()))
-        if not SMALLEST < largest < np.inf or self.energy <= 0:
-            return 0.0, np.zeros(1)
-        scaled = values / largest
-        seen = self.cross[site] @ scaled
-        total = float(self.weight[site] @ (scaled * scaled))
-        unique = total - float(seen @ seen)
-        if not unique > self.unique_share * total:
-            return 0.0, np.zeros(1)
-        pull = float(scaled @ self.pull[site])
-        return pull * pull / unique / self.energy, np.array([pull / unique / largest])
 
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
         """Return the gains of many sets of basis functions at one site, each set solved together.
@@ -232,3 +219,39 @@ def regression(response: Array, name: str = "response") -> Targets:
         raise InputError(f"{name}: constant, nothing to explain")
     intercept = np.full((1, 1, poses), 1.0 / np.sqrt(poses))
     return Targets(np.ones((1, poses)), intercept, residual[None, :], energy, (name,), poses, ROUNDING_SHARE)
+
+
+def unit_rows(values: Array) -> Array:
+    """Return rows divided by their largest magnitude; a row with a number that is not finite becomes zero."""
+    with np.errstate(invalid="ignore"):
+        scale = np.maximum(values.max(axis=1, initial=0.0), -values.min(axis=1, initial=0.0))
+    usable = np.isfinite(scale) & (scale > 0)
+    scaled: Array = values / np.where(usable, scale, 1.0)[:, None]
+    scaled[~usable] = 0.0
+    return scaled
+
+
+def row_products(first: Array, second: Array) -> Array:
+    """Return the scalar product of each row of one table with the row of another; a table may have one row for all."""
+    few, many = (first, second) if len(first) == 1 else (second, first)
+    return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
+
+
+def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
+    """Return the numbers of linearly independent rows of a Gram matrix, by pivoted Cholesky decomposition.
+
+    total: squared norms of the rows before any projection. A row is left out if its part orthogonal to the selected
+    rows is below ``limit`` of its squared norm.
+    """
+    remaining = gram.astype(float).copy()
+    chosen: list[int] = []
+    for _ in range(len(gram)):
+        share = np.where(total > 0, np.diag(remaining) / np.where(total > 0, total, 1.0), 0.0)
+        share[chosen] = 0.0
+        pivot = int(np.argmax(share))
+        if share[pivot] <= limit:
+            break
+        chosen.append(pivot)
+        column = remaining[:, pivot] / np.sqrt(remaining[pivot, pivot])
+        remaining -= np.outer(column, column)
+    return np.array(sorted(chosen), dtype=np.intp)

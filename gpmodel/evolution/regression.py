@@ -16,20 +16,18 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.evolution.between import PointsBetween
-from gpmodel.evolution.code import Code
+from gpmodel.evolution.code import Code, Scores
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.engine import values
 from gpmodel.evolution.formulas import formulas_at
-from gpmodel.evolution.founders import combine
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.links import LINKS, PRICE, LinkFunction, below_the_bar, exactly
+from gpmodel.evolution.links import LINKS, PRICE, LinkFunction, below_the_bar, scaled
 from gpmodel.evolution.memetic import Formulas, evolve_formulas
-from gpmodel.evolution.pareto import Archive
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population, program_of
-from gpmodel.evolution.scoring import Scores, projected_scores
+from gpmodel.evolution.scoring import projected_scores
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
@@ -50,7 +48,7 @@ MOST_INPUTS = 2
 """Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best link
 function."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
-BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
+BUDGET = Budget(population=512, restart_after=40, polish_every=0)
 """Limits of the evolution of one population under a link function."""
 COMPILING = 10
 """Number of time checks of the small search that compiles the loops: one generation and the last steps."""
@@ -124,7 +122,7 @@ def _searched(
     """Return the formulas of a search: programs are bred under all link functions, the best formulas further.
     is_past: function that returns whether a share of the computing time is over."""
     judged = _Judge(inputs.mapping(), response, between)
-    found = judged(map(parse, (repr(float(response.mean())), *map(repr, inputs.names))))
+    found = judged(map(parse, ("1", *map(repr, inputs.names))))
     problem = SlotProblem(inputs, _plain(response), PRICE, lambda: is_past(1.0))
     islands = [_Island(problem, response, link, rng) for link in LINKS if link.applies(response)]
     for island in islands:
@@ -132,8 +130,7 @@ def _searched(
     has_short = len(inputs.names) <= MOST_INPUTS
     while not is_past(1.0 - FINISHING * (1 + has_short)) and not _exact(found):
         for island in islands:
-            guests = [one for other in islands if other is not island for one in other.best()]
-            found += judged(island.step(guests if island.is_stuck else []))
+            found += judged(island.step(islands))
     if not _exact(found):
         every = [judged(island.every()) for island in islands]
         found += chain.from_iterable(every)
@@ -223,7 +220,7 @@ class QuotientProblem(SlotProblem):
 
 
 class _Island:
-    """A population under one link function, and the best program found for each size."""
+    """A population under one link function."""
 
     def __init__(self, plain: SlotProblem, response: Array, link: LinkFunction, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, plain.inputs.mapping(), response
@@ -234,34 +231,20 @@ class _Island:
             else replace(plain, targets=targets)
         )
         self.run = Generations(self.problem, Settings(SEQUENCES, budget=BUDGET), rng)
-        self.population, self.scores = self.run.start()
-        self.archive, self.record, self.idle = Archive(), np.inf, 0
-
-    @property
-    def is_stuck(self) -> bool:
-        """True if the score has not improved for so long that a random population replaces the population."""
-        return self.idle >= BUDGET.restart_after
+        self.run.step()
 
     def best(self) -> list[Population]:
         """Return the program with the least description length as a population of one; empty without a program."""
-        kept = self.archive.kept
+        kept = self.run.archive.kept
         nats = {k: float(self.problem.nats(one.gain, k + one.chosen.bit_count())) for k, one in kept.items()}
         return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
 
-    def step(self, guests: Iterable[Population]) -> Iterator[Program]:
-        """Breed one generation, or begin anew with programs of other populations; return formulas that may be exact."""
-        if self.is_stuck:
-            self.idle, self.record = 0, np.inf
-            self.population, self.scores = self.run.start()
-            for guest in guests:
-                self.population, self.scores = self.population.join(guest), self.scores.join(self.run.scores(guest))
-        else:
-            self.population, self.scores = self.run.next_generation(self.population, self.scores)
-        best = float(self.scores.score.min())
-        self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
-        self.record = min(self.record, best)
-        improved = self.archive.add(self.population, self.scores)
-        return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
+    def step(self, islands: Iterable["_Island"]) -> Iterator[Program]:
+        """Breed one generation, or restart with programs of the other populations; return formulas that may be
+        exact."""
+        others = (other for other in islands if other is not self and self.run.is_stuck)
+        improved = self.run.step([one for other in others for one in other.best()])
+        return self._of_sizes(size for size in improved if self.run.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
         """Return sums of one further term and the terms that all formulas under the link function have."""
@@ -270,12 +253,12 @@ class _Island:
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Return the formulas of the best programs of every size."""
-        return self._of_sizes(self.archive.kept)
+        """Return the formulas of the best programs of all sizes."""
+        return self._of_sizes(self.run.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
         count = self.run.layout.outputs
-        for one in [self.archive.kept[size] for size in sizes]:
+        for one in [self.run.archive.kept[size] for size in sizes]:
             program = program_of(one.population, 0, self.run.layout)
             above, below = ([program.select([k]) for k in range(count) if one.chosen >> k + s & 1] for s in (0, count))
             yield from self.formulas([above], below)
@@ -317,17 +300,7 @@ class _Judge:
                 continue
             factor = float(fit @ response) / size
             left = float(np.sum(np.square(response - factor * fit))) / variance + self.between.loss(program, factor)
-            law = Law(_scaled(program, factor), left, 0.0)
+            law = Law(scaled(program, factor), left, 0.0)
             nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * law.length
             found.append(replace(law, nats=nats))
         return found
-
-
-def _scaled(program: Program, factor: float) -> Program:
-    """Return the program times a factor, which is merged with an existing factor and omitted if it is 1."""
-    root = program.nodes[program.outputs[0]]
-    if root.operator == "multiply" and program.nodes[root.arguments[0]].operator == "constant":
-        factor *= float(program.nodes[root.arguments[0]].value or 0.0)
-        program = replace(program, outputs=(root.arguments[1],)).select([0])
-    number = exactly(factor)
-    return program if number.constants == (1.0,) else combine("multiply", number, program)

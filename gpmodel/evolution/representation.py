@@ -1,6 +1,5 @@
-"""Interfaces of a representation of programs: encoding, initialisation and variation."""
+"""Interfaces of a representation of programs: encoding, creation and variation."""
 
-from collections.abc import Callable
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -28,44 +27,39 @@ class Population(Protocol):
     def join(self, other: Self) -> Self:
         """Return the programs of this population followed by the programs of ``other``."""
 
-    def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Return a function from a slice of programs to their effective code; threads call it concurrently."""
+    def decoded(self, layout: Layout, part: slice) -> Code:
+        """Return the effective code of a slice of the programs."""
 
     def with_constants(self, row: int, values: Array) -> Self:
         """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
 
 
-class Breeding(Protocol):
-    """A representation prepared for one problem: creates and varies programs."""
-
-    @property
-    def layout(self) -> Layout:
-        """Registers and instructions from which the compiled loops decode programs."""
-
-    def initial(self, population: int, rng: np.random.Generator) -> Population:
-        """Return a random population of programs."""
-
-    def offspring(self, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Population:
-        """Return one child per pair of rows of ``parents``, a population in this representation."""
-
-
 @runtime_checkable
 class Representation(Protocol):
-    """Settings of a representation of programs, such as ``Linear`` and ``Tree``."""
+    """Settings of a representation of programs, such as ``Linear`` and ``Tree``, which creates and varies programs."""
 
     @property
     def constants(self) -> tuple[float, ...]:
         """Constants that every program may use and that are never fitted."""
 
-    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
-        """Return the object that creates and varies programs. start: first values of outputs (compensator: x, y, z)."""
+    def layout(self, inputs: Inputs, start: tuple[str, ...]) -> Layout:
+        """Return the registers and instructions from which the compiled loops decode programs. start: first values of
+        outputs (compensator: x, y, z)."""
+
+    def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> Population:
+        """Return a random population of programs."""
+
+    def offspring(
+        self, layout: Layout, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator
+    ) -> Population:
+        """Return one child per pair of rows of ``parents``, a population in this representation."""
 
 
 def program_of(population: Population, row: int, layout: Layout) -> Program:
     """Return the program at `row` of a population, with ``layout.outputs`` outputs, from its effective code."""
     from gpmodel.evolution.kernels.machine import CONSTANT, ROW
 
-    code, builder = population.decoder(layout)(slice(row, row + 1)), Builder()
+    code, builder = population.decoded(layout, slice(row, row + 1)), Builder()
     rows = [*map(builder.input, layout.inputs), *map(builder.constant, (*layout.constants, 0.0))]
     for word in code.words[0, : code.length[0]].tolist():
         number, first, second = word & ROW, word >> 16 & ROW, word >> 32

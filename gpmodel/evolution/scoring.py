@@ -1,73 +1,26 @@
 """Score decoded programs by the distance of a compensator, or by the description length of an effect at a site."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.arrays import Array, IntArray
-from gpmodel.evolution.code import Code
+from gpmodel.arrays import Array
+from gpmodel.evolution.code import Code, Scores
 from gpmodel.evolution.description_length import ranked
-from gpmodel.evolution.engine import sizes, values, workspace
+from gpmodel.evolution.engine import workspace
 from gpmodel.evolution.projection import Targets
 
 
-@dataclass(frozen=True)
-class Scores:
-    """Scores of evolved programs, one row per program.
-
-    score: value that the evolution minimises.
-    gain: share of the residual that the program removes.
-    complexity: number of nodes of the outputs in use.
-    site: number of the program's best site.
-    chosen: bit set of the outputs in use.
-    hashes: hash of the effective code.
-    """
-
-    score: Array
-    gain: Array
-    complexity: IntArray
-    site: IntArray
-    chosen: IntArray
-    hashes: NDArray[np.uint64]
-
-    @staticmethod
-    def empty(count: int) -> "Scores":
-        """Allocate arrays for the scores of `count` programs."""
-        complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
-        return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
-
-    def __setitem__(self, part: slice | NDArray[np.intp], other: "Scores") -> None:
-        for name in ("score", "gain", "complexity", "site", "chosen", "hashes"):
-            getattr(self, name)[part] = getattr(other, name)
-
-    def take(self, rows: NDArray[np.intp]) -> "Scores":
-        """Return the scores of the programs with the given row numbers."""
-        return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-    def join(self, other: "Scores") -> "Scores":
-        """Return the scores of this population followed by the scores of ``other``."""
-        pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
-        return Scores(*(np.concatenate(pair) for pair in pairs))
-
-
-def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
-    """Score every program at every site, with the best set of its outputs.
-
-    Outputs divided by their largest magnitude are added at a site by forward selection, with coefficients solved
-    together (see ``gpmodel.evolution.projection``). The score is the least description length of all sets, in nats:
-        components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of outputs in it)
-    fixed: values (rows, poses) of inputs and constants. A program without gain scores 0.
-    """
-    return projected_scores(values(code, fixed), code, len(fixed), targets, parsimony)
-
-
 def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
-    """Return scores from the values (programs, columns, poses) of columns, which are scaled in place.
+    """Score every program at every site, with the best set of its columns (programs, columns, poses).
 
-    The columns are the outputs, followed by columns derived from each output. A derived column counts the nodes of its
-    output. base: number of rows of inputs and fixed constants.
+    The columns are the outputs, followed by columns derived from each output, which count the nodes of their output.
+    Columns divided by their largest magnitude, in place, are added at a site by forward selection, with coefficients
+    solved together (see ``gpmodel.evolution.projection``). The score is the least description length of all sets, in
+    nats:
+        components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of columns in it)
+    base: number of rows of inputs and fixed constants. A program without gain scores 0.
     """
+    from gpmodel.evolution.kernels.batch import sizes_by_outputs
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
     programs, outputs, poses = scaled.shape
@@ -90,8 +43,8 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
         products.reshape(programs, -1, targets.sites),
         seen.reshape(len(rows), -1, targets.sites), number.reshape(programs, outputs),
         pull.reshape(programs, outputs, targets.sites),
-        usable, sizes(code, base), targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
-        scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
+        usable, sizes_by_outputs(code, base), targets.energy, 0.5 * targets.components, parsimony,
+        targets.unique_share, scores,
     )  # fmt: skip
     scores.score[:] = ranked(scores.score)
     scores.hashes[:] = code.hashes

@@ -7,12 +7,12 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.generations import Generations, distinct
+from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.kinds import Typing
 from gpmodel.evolution.links import summed
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.memetic import Formulas, evolve_formulas
-from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto
+from gpmodel.evolution.pareto import Solution, best_of, description_length, pareto
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
 from gpmodel.formula.program import Program
@@ -43,8 +43,8 @@ class Evolution:
 def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Evolution:
     """Evolve programs until the generations or the seconds of the budget are used up.
 
-    If the number of generations ends the run, the result depends on the problem, the settings and the generator only,
-    not on the number of threads. Raises InputError if no program of the first population has a finite score.
+    If the number of generations ends the run, the result depends on the problem, the settings and the generator only.
+    Raises InputError if no program of the first population has a finite score.
     """
     from threadpoolctl import threadpool_limits
 
@@ -55,41 +55,24 @@ def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Ev
 def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution:
     from deap import tools
 
-    budget = run.budget
+    budget, archive = run.budget, run.archive
     log, statistics = tools.Logbook(), tools.Statistics()
     statistics.register("best", np.min)
     statistics.register("median", np.median)
-    archive = Archive()
-    began = time.perf_counter()
-    evaluations = 0
-    population, scores = run.start()
-    if not np.any(np.isfinite(scores.score)):
-        raise InputError("evolve: no program of the first population is finite on these inputs")
-    generation = 0
-    idle, record = 0, np.inf
-    while True:
-        evaluations += budget.population
-        archive.add(population, scores)
+    began, done = time.perf_counter(), False
+    while not done:
+        run.step()
+        scores, evaluations = run.scores, (run.generation + 1) * budget.population
         seconds = time.perf_counter() - began
         finite = scores.score[np.isfinite(scores.score)]
+        if not run.generation and not len(finite):
+            raise InputError("evolve: no program of the first population is finite on these inputs")
         log.record(
-            generation=generation, **statistics.compile([finite if len(finite) else np.inf]), gain=archive.best_gain,
-            distinct=distinct(scores.hashes), evaluations_per_second=evaluations / seconds, seconds=seconds,
+            generation=run.generation, **statistics.compile([finite if len(finite) else np.inf]),
+            gain=archive.best_gain, distinct=len(np.unique(scores.hashes)),
+            evaluations_per_second=evaluations / seconds, seconds=seconds,
         )  # fmt: skip
-        best = log[-1]["best"]
-        done = generation >= budget.generations or seconds >= budget.seconds
-        if done or archive.best_gain >= budget.target:
-            break
-        idle = 0 if best < record - 1e-9 * abs(record) or not np.isfinite(record) else idle + 1
-        record = min(record, best)
-        generation += 1
-        if budget.restart_after and idle >= budget.restart_after:
-            population, scores = run.start()
-            idle, record = 0, np.inf
-            continue
-        population, scores = run.next_generation(population, scores)
-        if budget.polish_every and generation % budget.polish_every == 0:
-            population, scores = run.polished(population, scores)
+        done = run.generation >= budget.generations or seconds >= budget.seconds or archive.best_gain >= budget.target
     front = archive.front(problem, run.layout)
     if budget.climb and isinstance(problem, SlotProblem):
         front = _finished(front, problem, run.layout, budget.climb)

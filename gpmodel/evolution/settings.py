@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
+from gpmodel.evolution.code import Scores
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, check_ranges
-from gpmodel.evolution.scoring import Scores
 
 Rows = NDArray[np.intp]
 
@@ -58,11 +58,10 @@ class Truncation:
 
 @dataclass(frozen=True)
 class Tournament:
-    """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive.
-    keep_distinct: True if programs whose score differs from that of all better programs survive first."""
+    """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive, those
+    first whose score differs from that of all better programs."""
 
     size: int = 4
-    keep_distinct: bool = True
 
     def __post_init__(self) -> None:
         check_ranges(self, size=(1, 1000))
@@ -78,8 +77,6 @@ class Tournament:
 
     def survivors(self, scores: Scores, population: int) -> Rows:
         order = np.argsort(scores.score, kind="stable")
-        if not self.keep_distinct:
-            return order[:population]
         behaviour = np.round(scores.score[order], 9)
         fresh = np.concatenate([[True], (behaviour[1:] != behaviour[:-1])])
         return np.concatenate([order[fresh], order[~fresh]])[:population]
@@ -95,7 +92,6 @@ class Budget:
     polish_every: generations between fits of the constants that the best programs carry (0: never).
     restart_after: generations without progress before a new random population (0: never).
     climb: number of best programs from which formulas are bred at the end of a search at sites (0: none).
-    threads: number of threads, 0 for all cores; the result does not depend on this number.
     Raises InputError for a value out of range.
     """
 
@@ -106,7 +102,6 @@ class Budget:
     polish_every: int = 10
     restart_after: int = 60
     climb: int = 0
-    threads: int = 0
 
     def __post_init__(self) -> None:
         check_ranges(self, population=(4, 2**24), generations=(0, 10**9), seconds=(0.0, 1e9))

@@ -7,7 +7,7 @@ The constants need not be near the listed values: each shorter form is fitted ag
 length.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import permutations
 
@@ -24,7 +24,7 @@ def shorter_forms(program: Program) -> Iterator[Program]:
     set equal."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
-            shorter = program.rebuilt(partial(_given_way, index, argument))
+            shorter = replaced(program, {index: partial(_argument, argument)})
             if shorter.inputs:
                 yield shorter
                 if node.operator in ("add", "subtract"):
@@ -37,8 +37,26 @@ def shorter_forms(program: Program) -> Iterator[Program]:
             yield tied
 
 
-def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:
-    return copies[argument] if len(copies) == index else builder.add(node, copies)
+Made = Callable[[Builder, list[int]], int]
+"""Function that adds nodes to a builder, given the new numbers of the earlier nodes, and returns its last node."""
+
+
+def replaced(program: Program, made: Mapping[int, Made]) -> Program:
+    """Return the program with some of its nodes, by their numbers, made otherwise."""
+
+    def build(builder: Builder, node: Node, copies: list[int]) -> int:
+        make = made.get(len(copies))
+        return make(builder, copies) if make else builder.add(node, copies)
+
+    return program.rebuilt(build)
+
+
+def _argument(argument: int, builder: Builder, copies: list[int]) -> int:
+    return copies[argument]
+
+
+def _applied(operator: str, arguments: tuple[int, ...], builder: Builder, copies: list[int]) -> int:
+    return builder.apply(operator, *(copies[k] for k in arguments))
 
 
 def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
@@ -50,13 +68,8 @@ def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Pr
     for wave in range(index + 1, len(program.nodes)):
         node = program.nodes[wave]
         if node.operator in OTHER_WAVE and inside.intersection(node.arguments):
-
-            def build(builder: Builder, old: Node, copies: list[int], wave: int = wave) -> int:
-                if len(copies) == wave:
-                    return builder.apply(OTHER_WAVE[old.operator], *(copies[k] for k in old.arguments))
-                return _given_way(index, argument, builder, old, copies)
-
-            yield program.rebuilt(build)
+            other_wave = partial(_applied, OTHER_WAVE[node.operator], node.arguments)
+            yield replaced(program, {index: partial(_argument, argument), wave: other_wave})
         if node.operator in LINEAR and inside.intersection(node.arguments):
             inside.add(wave)
 
@@ -69,23 +82,12 @@ def _without_constant(program: Program, index: int, node: Node) -> Iterator[Prog
         if node.operator in MINUS and inner.operator == "multiply":
             for factor, scaled in (inner.arguments, inner.arguments[::-1]):
                 if nodes[factor].operator == "constant" and float(nodes[factor].value or 0.0) < 0.0:
-                    yield _rebuilt(program, index, MINUS[node.operator], other, scaled)
+                    yield replaced(program, {index: partial(_applied, MINUS[node.operator], (other, scaled))})
         elif node.operator in MINUS and inner.operator == "tanh" and nodes[other].operator == "constant":
             above = float(nodes[other].value or 0.0) * (1.0 if node.operator == "add" else -1.0)
             yield from _logistic(program, index, nodes[inner.arguments[0]], above < 0.0)
         elif node.operator == "power" and inner.operator == "abs":
-            yield _rebuilt(program, index, "square", inner.arguments[0])
-
-
-def _rebuilt(program: Program, index: int, operator: str, *arguments: int) -> Program:
-    """Return the program with a node replaced by an operator of other nodes."""
-
-    def build(builder: Builder, node: Node, copies: list[int]) -> int:
-        if len(copies) == index:
-            return builder.apply(operator, *(copies[k] for k in arguments))
-        return builder.add(node, copies)
-
-    return program.rebuilt(build)
+            yield replaced(program, {index: partial(_applied, "square", inner.arguments)})
 
 
 def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterator[Program]:
@@ -94,12 +96,9 @@ def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterat
         scale = program.nodes[factor]
         if scale.operator == "constant":
             twice = (-2.0 if falls else 2.0) * float(scale.value or 0.0)
+            yield replaced(program, {index: partial(scaled_in, "logistic", twice, scaled)})
 
-            def build(
-                builder: Builder, node: Node, copies: list[int], twice: float = twice, scaled: int = scaled
-            ) -> int:
-                if len(copies) == index:
-                    return builder.apply("logistic", builder.apply("multiply", builder.constant(twice), copies[scaled]))
-                return builder.add(node, copies)
 
-            yield program.rebuilt(build)
+def scaled_in(operator: str, scale: float, inner: int, builder: Builder, copies: list[int]) -> int:
+    """Add an operator of a node times a number."""
+    return builder.apply(operator, builder.apply("multiply", builder.constant(scale), copies[inner]))

@@ -158,11 +158,6 @@ def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array
     return noise
 
 
-def others(values: Array, k: int) -> Array:
-    """Return the product (poses,) of all factors except factor k."""
-    return np.asarray(np.prod(np.delete(values, k, axis=0), axis=0))
-
-
 def through(targets: Targets, factor: Array) -> Targets:
     """Return residual statistics from which a function f is fitted so that factor * f explains the residual."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)

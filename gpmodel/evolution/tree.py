@@ -3,14 +3,17 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gpmodel.errors import InputError
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.representation import check_ranges
+from gpmodel.evolution.representation import Population, Rows, check_ranges
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
 if TYPE_CHECKING:
     from gpmodel.evolution.tree_breeding import TreeBreeding
+    from gpmodel.evolution.tree_population import Trees
 
 SHALLOW, DEEPEST_START = 1, 4
 """Smallest and largest depth of initial trees by ramped half-and-half (Koza 1992: 2 to 6, for larger populations)."""
@@ -47,12 +50,22 @@ class Tree:
         """Return the settings of section 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
         return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
-    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
-        from gpmodel.evolution.tree_breeding import TreeBreeding
-
-        layout = Layout(
+    def layout(self, inputs: Inputs, start: tuple[str, ...]) -> Layout:
+        return Layout(
             inputs.names, operator_set(self.operators), self.constants, (None,) * self.outputs, self.outputs,
             self.own_constants, kinds=inputs.kinds,
         )  # fmt: skip
+
+    def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> "Trees":
+        return self._breeding(layout).initial(population, rng)
+
+    def offspring(
+        self, layout: Layout, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator
+    ) -> "Trees":
+        return self._breeding(layout).offspring(parents, mothers, fathers, rng)
+
+    def _breeding(self, layout: Layout) -> "TreeBreeding":
+        from gpmodel.evolution.tree_breeding import TreeBreeding
+
         deepest = min(DEEPEST_START, self.depth)
         return TreeBreeding(layout, self.style, self.depth, SHALLOW, deepest, self.crossover)

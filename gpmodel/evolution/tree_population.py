@@ -1,8 +1,7 @@
 """Trees as DEAP objects with codes for the compiled loops; DEAP never compiles the trees."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import accumulate, chain
 
 import numpy as np
@@ -117,8 +116,8 @@ class Trees:
     def join(self, other: "Trees") -> "Trees":
         return Trees(self.individuals + other.individuals)
 
-    def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        return partial(self.forest.decoded, layout)
+    def decoded(self, layout: Layout, part: slice) -> Code:
+        return self.forest.decoded(layout, part)
 
     def with_constants(self, row: int, values: Array) -> "Trees":
         remaining = iter(values.tolist())

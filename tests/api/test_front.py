@@ -20,8 +20,8 @@ from gpmodel.api.saved import SavedResult
 from gpmodel.calibration.result import without_outlier_marks
 from gpmodel.cli.calibrate import found_in
 from gpmodel.errors import InputError
+from gpmodel.evolution.code import Scores
 from gpmodel.evolution.regression import Law
-from gpmodel.evolution.scoring import Scores
 from gpmodel.formula.expression import parse
 from gpmodel.report.explain import explain
 from gpmodel.report.saved import read_report

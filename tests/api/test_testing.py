@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import gpmodel as gp
 from gpmodel import testing
 from gpmodel.arrays import Array
-from gpmodel.evolution.linear import SequenceBreeding, Sequences
-from gpmodel.evolution.problems import Inputs
+from gpmodel.evolution.linear import Sequences
+from gpmodel.evolution.machine import Layout
 from gpmodel.families.catalogue import catalogue
 
 
@@ -150,13 +150,9 @@ class Turned(Sequences):
 class Turning(gp.Linear):
     """A representation of such populations."""
 
-    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> SequenceBreeding:
-        class Breeding(SequenceBreeding):
-            def initial(self, population: int, rng: np.random.Generator) -> Turned:
-                made = super().initial(population, rng)
-                return Turned(made.genes, made.constants)
-
-        return Breeding(**vars(super().breeding(inputs, start, threads)))
+    def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> Turned:
+        made = super().initial(layout, population, rng)
+        return Turned(made.genes, made.constants)
 
 
 def test_a_representation_whose_populations_mix_programs_up_is_told_so() -> None:

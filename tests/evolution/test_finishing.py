@@ -16,7 +16,7 @@ POSES = 80
 NAMES = ("J1", "J2", "J3", "load")
 INPUTS = Inputs(NAMES, np.random.default_rng(8).uniform(-1.5, 1.5, (4, POSES)))
 KINDS = ("angle", "angle", "angle", "torque")
-SLOT = Settings().representation.breeding(INPUTS, (), 3).layout
+SLOT = Settings().representation.layout(INPUTS, ())
 
 
 def problem(law: str, noise: float = 0.02, seed: int = 0) -> SlotProblem:

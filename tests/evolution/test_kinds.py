@@ -56,16 +56,16 @@ def test_what_compares_lengths_with_angles_may_not(law: str) -> None:
 @pytest.mark.parametrize("representation", REPRESENTATIONS, ids=lambda r: f"{type(r).__name__} {r.operators}")
 def test_every_random_and_every_bred_program_is_of_its_kinds(representation: Representation) -> None:
     rng = np.random.default_rng(3)
-    breeding = representation.breeding(inputs(), (), 1)
-    population = breeding.initial(150, rng)
+    layout = representation.layout(inputs(), ())
+    population = representation.initial(layout, 150, rng)
     seen = set()
     for _ in range(3):
         for row in range(150):
-            program = program_of(population, row, breeding.layout)
+            program = program_of(population, row, layout)
             assert TYPING.allows(program, NAMES), program
             seen |= set(program.inputs)
         mothers, fathers = rng.integers(0, 150, (2, 150))
-        population = breeding.offspring(population, mothers, fathers, rng)
+        population = representation.offspring(layout, population, mothers, fathers, rng)
     assert seen == set(NAMES)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.kernels.machine import split_instructions
-from gpmodel.evolution.linear import SequenceBreeding, Sequences
+from gpmodel.evolution.linear import Linear, Sequences
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import program_of
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
@@ -67,27 +67,20 @@ def test_own_constants_are_elements_after_the_fixed_ones() -> None:
     assert text([0, 3, 2, 0], layout, (0.25, 0.75)) == "0.75"
 
 
-def test_children_do_not_depend_on_threads_and_have_streams_of_their_own() -> None:
-    layout = Layout(("a", "b"), operator_set("slot"), (1.0,), ("a", "b"), 2, 3)
-    children = []
-    for threads in (1, 2, 3):
-        rng = np.random.default_rng(4)
-        breeding = SequenceBreeding(layout, 50, 0.03, 0.05, threads)
-        parents = breeding.initial(700, rng)
-        mothers, fathers = rng.integers(0, 700, (2, 3000))
-        children.append(breeding.offspring(parents, mothers, fathers, rng))
-    for other in children[1:]:
-        np.testing.assert_array_equal(other.genes, children[0].genes)
-        np.testing.assert_array_equal(other.constants, children[0].constants)
-    assert len(np.unique(children[0].genes, axis=0)) > 2900
+def test_children_have_random_streams_of_their_own() -> None:
+    layout, linear = Layout(("a", "b"), operator_set("slot"), (1.0,), ("a", "b"), 2, 3), Linear(50, own_constants=3)
+    rng = np.random.default_rng(4)
+    parents = linear.initial(layout, 700, rng)
+    mothers, fathers = rng.integers(0, 700, (2, 3000))
+    children = linear.offspring(layout, parents, mothers, fathers, rng)
+    assert len(np.unique(children.genes, axis=0)) > 2900
 
 
 def test_a_child_is_made_of_its_parents() -> None:
-    layout = Layout(("a",), operator_set("add"), (), ("a",), 1)
+    layout, linear = Layout(("a",), operator_set("add"), (), ("a",), 1), Linear(200, crossover=0.05, mutation=0.0)
     rng = np.random.default_rng(5)
-    breeding = SequenceBreeding(layout, 200, 0.05, 0.0)
-    parents = breeding.initial(2, rng)
-    child = breeding.offspring(parents, np.zeros(100, np.int64), np.ones(100, np.int64), rng)
+    parents = linear.initial(layout, 2, rng)
+    child = linear.offspring(layout, parents, np.zeros(100, np.int64), np.ones(100, np.int64), rng)
     assert np.all((child.genes == parents.genes[0]) | (child.genes == parents.genes[1]))
 
 

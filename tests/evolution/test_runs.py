@@ -25,7 +25,7 @@ PROBLEMS: dict[str, Problem] = {
     "compensator": CartesianProblem(INPUTS, BENT),
     "slot": SlotProblem(INPUTS, regression(np.sin(2.0 * INPUTS["J1"]) * INPUTS["x"])),
 }
-BUDGET = Budget(128, 5, seconds=1e9, threads=1)
+BUDGET = Budget(128, 5, seconds=1e9)
 PLAN = Plan({"linear": Settings(Linear(), budget=BUDGET), "tree": Settings(Tree(), budget=BUDGET)}, runs=2, seed=3)
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from gpmodel.evolution.code import Scores
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, SelectionScheme, Settings, Tournament, Truncation
 
@@ -21,7 +21,6 @@ def scored(*score: float) -> Scores:
 def test_survivors_of_a_tournament_are_the_best_of_each_score_first() -> None:
     scores = scored(3.0, 1.0, 1.0, 2.0, 1.0, 5.0)
     assert Tournament().survivors(scores, 4).tolist() == [1, 3, 0, 5]
-    assert Tournament(keep_distinct=False).survivors(scores, 4).tolist() == [1, 2, 4, 3]
 
 
 def test_parents_by_truncation_are_among_the_best_share() -> None:

@@ -41,7 +41,7 @@ def kept(folder: Path) -> Unfinished:
 def evolution() -> Evolution:
     inputs = Inputs(("a", "b"), np.random.default_rng(0).uniform(-2, 2, (2, 60)))
     problem = SlotProblem(inputs, regression(np.sin(inputs["a"]) * inputs["b"] + inputs["a"] ** 2))
-    settings = Settings(Linear(), budget=Budget(128, 10, seconds=1e9, climb=1, threads=1))
+    settings = Settings(Linear(), budget=Budget(128, 10, seconds=1e9, climb=1))
     return evolve(problem, settings, np.random.default_rng(0))
 
 

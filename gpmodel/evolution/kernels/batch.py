@@ -7,7 +7,7 @@ from gpmodel.arrays import Array
 from gpmodel.evolution.code import Code, Tables
 from gpmodel.evolution.kernels.compiler import compiled, inlined, reduction
 from gpmodel.evolution.kernels.execute import execute
-from gpmodel.evolution.kernels.live_code import count_by_outputs, keep_live, nodes_and_hash
+from gpmodel.evolution.kernels.live_code import count_by_outputs, hash_of, keep_live
 from gpmodel.evolution.kernels.machine import (
     allowed_instructions,
     decode_sequence,
@@ -31,10 +31,10 @@ def decode_sequences(genes: NDArray[np.uint8], tables: Tables, code: Code) -> No
         if tables.replacements.size:
             for k in range(len(kinds)):
                 kinds[k] = tables.kinds[k]
-            found = allowed_instructions(pairs, found, tables.operands, tables.replacements, kinds)
+            found = allowed_instructions(pairs, found, tables, kinds)
         begin = reaching_instructions(pairs, found, tables, code.outputs.shape[1])
         code.length[p] = decode_sequence(pairs, begin, found, tables, own, code.words[p], code.outputs[p], cells)
-    _count_and_hash(code, tables.base)
+    _fill_hashes(code)
 
 
 @compiled
@@ -50,15 +50,14 @@ def decode_forest(codes: NDArray[np.int16], bounds: NDArray[np.int32], tables: T
         if tables.replacements.size:
             n = keep_live(code.words[p], n, base, code.outputs[p], live, place)
         code.length[p] = n
-    _count_and_hash(code, base)
+    _fill_hashes(code)
 
 
 @compiled
-def _count_and_hash(code: Code, base: int) -> None:
+def _fill_hashes(code: Code) -> None:
     bits = code.constants.view(np.uint64)
     for p in range(len(code.words)):
-        found = nodes_and_hash(code.words[p], code.length[p], base, code.outputs[p], bits[p])
-        code.nodes[p], code.hashes[p] = found
+        code.hashes[p] = hash_of(code.words[p], code.length[p], code.outputs[p], bits[p])
 
 
 @compiled

@@ -46,13 +46,12 @@ def breed_sequences(
     mothers: IntArray,
     fathers: IntArray,
     seed: np.uint64,
-    begin: int,
     crossover: float,
     mutation: float,
     child_genes: NDArray[np.uint8],
     child_constants: Array,
 ) -> None:
-    """Fill the genes and constants of the children of pairs of parents; the first child has number ``begin``.
+    """Fill the genes and constants of the children of pairs of parents.
 
     At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
     element at rate ``mutation``. The constants of a child come from the parent that is copied last. At a rate of one
@@ -63,7 +62,7 @@ def breed_sequences(
     log_mutate = math.log1p(-mutation)
     own = constants.shape[1]
     for child in range(len(mothers)):
-        state = np.uint64(seed) ^ (np.uint64(begin + child + 1) * np.uint64(0xD1342543DE82EF95))
+        state = np.uint64(seed) ^ (np.uint64(child + 1) * np.uint64(0xD1342543DE82EF95))
         state, bits = _next(state)
         here = mothers[child]
         there = fathers[child]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.evolution.code import SiteStatistics
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 from gpmodel.evolution.kernels.differentiation import carry_tangents
 
@@ -57,12 +58,9 @@ def _limited(row: Array, count: int, limit: float) -> bool:
 
 
 @compiled
-def explained(
-    row: Array, weight: Array, cross: Array, begins: IntArray, pull: Array, energy: float, unique_share: float,
-    smallest: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Return the gain of one basis function (poses,) and its least-squares coefficient."""
-    if not _limited(row, len(row), np.inf) or energy <= 0.0:
+def explained(row: Array, site: SiteStatistics, smallest: float) -> tuple[float, float]:
+    """Return the gain of one basis function (poses,) and its coefficient, as ``Targets.set_gain`` does."""
+    if not _limited(row, len(row), np.inf) or site.energy <= 0.0:
         return 0.0, 0.0
     largest = 0.0
     for j in range(len(row)):
@@ -72,41 +70,32 @@ def explained(
     scaled = np.empty(len(row))
     for j in range(len(row)):
         scaled[j] = row[j] / largest
-    total = _weighted(weight, scaled, scaled)
+    total = _weighted(site.weight, scaled, scaled)
     unique = total
-    for k in range(len(cross)):
-        unique -= _product(cross[k], scaled, begins[k]) ** 2
-    if not unique > unique_share * total:
+    for k in range(len(site.cross)):
+        unique -= _product(site.cross[k], scaled, site.begins[k]) ** 2
+    if not unique > site.unique_share * total:
         return 0.0, 0.0
-    pulled = _product(pull, scaled, 0)
-    return pulled * pulled / unique / energy, pulled / unique / largest
+    pulled = _product(site.pull, scaled, 0)
+    return pulled * pulled / unique / site.energy, pulled / unique / largest
 
 
 @compiled
-def _normal_equations(
-    columns: Array,
-    coefficient: float,
-    weight: Array,
-    cross: Array,
-    begins: IntArray,
-    pull: Array,
-    idle: float,
-    normal: Array,
-) -> bool:
+def _normal_equations(columns: Array, coefficient: float, site: SiteStatistics, idle: float, normal: Array) -> bool:
     """Fill the normal equations of one Gauss-Newton step; return whether the equations are usable. columns: the basis
     function, then its derivatives by the constants, (columns, poses). The last column of `normal` is the right side."""
     size = len(columns)
-    seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
+    seen, stays = np.empty((size, len(site.cross))), np.zeros(size, np.bool_)
     for i in range(size):
-        for k in range(len(cross)):
-            seen[i, k] = _product(cross[k], columns[i], begins[k])
+        for k in range(len(site.cross)):
+            seen[i, k] = _product(site.cross[k], columns[i], site.begins[k])
     for i in range(size):
         for j in range(i):
-            normal[i, j] = _weighted(weight, columns[i], columns[j]) - _product(seen[i], seen[j], 0)
+            normal[i, j] = _weighted(site.weight, columns[i], columns[j]) - _product(seen[i], seen[j], 0)
             normal[j, i] = normal[i, j]
-        total = _weighted(weight, columns[i], columns[i])
+        total = _weighted(site.weight, columns[i], columns[i])
         normal[i, i] = total - _product(seen[i], seen[i], 0)
-        normal[i, size] = _product(pull, columns[i], 0) - coefficient * normal[i, 0]
+        normal[i, size] = _product(site.pull, columns[i], 0) - coefficient * normal[i, 0]
         if not (_limited(normal[i], i + 1, np.inf) and abs(normal[i, size]) < np.inf):
             return False
         stays[i] = normal[i, i] <= idle * total
@@ -141,20 +130,13 @@ def fit_constants(
     inputs: Array,
     constants: Array,
     free: Mask,
-    weight: Array,
-    cross: Array,
-    begins: IntArray,
-    pull: Array,
-    energy: float,
-    unique_share: float,
+    site: SiteStatistics,
     limits: tuple[float, float, float],
     steps: int,
 ) -> float:
     """Fit the free constants of a program in place to the largest gain of its last node; return the gain.
 
     nodes: nodes of the program, as in ``carry_tangents``.
-    weight, pull (poses,), cross (columns, poses): residual statistics of one site, see ``Targets``.
-    begins: position of the first number other than zero in each row of cross.
     limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the
     columns of the model.
     """
@@ -162,7 +144,7 @@ def fit_constants(
     smallest, largest, idle = limits
     values, tangents = np.empty((last + 1, poses)), np.zeros((len(constants), last + 1, poses))
     carry_tangents(nodes, inputs, constants, values, tangents)
-    gain, coefficient = explained(values[last], weight, cross, begins, pull, energy, unique_share, smallest)
+    gain, coefficient = explained(values[last], site, smallest)
     count = 1 + int(np.sum(free))
     columns, trial = np.empty((count, poses)), np.empty(len(constants))
     normal, damped, sizes = np.empty((count, count + 1)), np.empty((count, count + 1)), np.empty(count)
@@ -179,7 +161,7 @@ def fit_constants(
         for k in range(count):
             if not _limited(columns[k], poses, largest):
                 return gain
-        if not _normal_equations(columns, coefficient, weight, cross, begins, pull, idle, normal):
+        if not _normal_equations(columns, coefficient, site, idle, normal):
             return gain
         before = gain
         for _ in range(TRIALS):
@@ -189,7 +171,7 @@ def fit_constants(
                 damped[i, i] *= 1.0 + damping
             if solve(damped, sizes, count) and _moved(constants, free, damped, trial):
                 carry_tangents(nodes, inputs, trial, values, tangents)
-                found, scale = explained(values[last], weight, cross, begins, pull, energy, unique_share, smallest)
+                found, scale = explained(values[last], site, smallest)
                 if found > gain:
                     for c in range(len(constants)):
                         constants[c] = trial[c]

@@ -1,4 +1,4 @@
-"""Live part of straight-line code (see ``machine``): the instructions that reach an output, their nodes, a hash."""
+"""Live part of straight-line code (see ``machine``): instructions that reach an output, hash, numbers of nodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,32 +56,16 @@ def _mixed(value: np.uint64, place: int) -> np.uint64:
 
 
 @inlined
-def nodes_and_hash(
-    words: IntArray, count: int, base: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]
-) -> tuple[int, np.uint64]:
-    """Return the number of nodes of live code (operators and references to leaves), and the hash of the code.
-
-    The hash is a sum of instructions mixed with their positions. A program's constant after an operator has one
-    reference, as in trees, and counts as one node.
-    """
-    leaves = _leaves(words, count, base)
-    nodes = base - leaves
+def hash_of(words: IntArray, count: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]) -> np.uint64:
+    """Return the hash of live code: a sum of instructions, constants and outputs mixed with their positions."""
     h = np.uint64(0)
     for k in range(count):
-        word = words[k]
-        code = word & ROW
-        first = np.int64(((word >> 16) & ROW) < leaves)
-        second = ((word >> 32) < leaves) & (code <= LAST_BINARY)
-        nodes += 1 + (first + second) * (code != CONSTANT)
-        h += _mixed(np.uint64(word), k)
-    if len(constant_bits):
-        for k in range(count):
-            if words[k] & ROW == CONSTANT:
-                h += _mixed(constant_bits[words[k] >> 16], k + count)
+        h += _mixed(np.uint64(words[k]), k)
+        if words[k] & ROW == CONSTANT:
+            h += _mixed(constant_bits[words[k] >> 16], k + count)
     for k in range(len(outputs)):
-        nodes += outputs[k] < leaves
         h += _mixed(np.uint64(outputs[k]), k + 2 * count)
-    return nodes, h
+    return h
 
 
 @inlined

@@ -44,16 +44,10 @@ def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], p
 
 
 @compiled
-def allowed_instructions(
-    pairs: NDArray[np.uint16],
-    count: int,
-    operands: NDArray[np.uint16],
-    replacements: NDArray[np.uint16],
-    kinds: NDArray[np.uint8],
-) -> int:
+def allowed_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, kinds: NDArray[np.uint8]) -> int:
     """Replace or drop, in ``pairs``, operators that are not allowed; return the number of instructions that remain.
 
-    replacements: table of replaced operators, see ``Typing.repairs``. kinds: work array, on entry the kind of quantity
+    kinds: work array, on entry the kind of quantity
     in each register at the start, then in each row of values; register kinds are overwritten.
     """
     accumulator = np.int64(kinds[0])
@@ -61,10 +55,10 @@ def allowed_instructions(
     for k in range(count):
         pair = np.int64(pairs[k])
         code = pair >> 8
-        cell = operands[pair]
+        cell = tables.operands[pair]
         if code > 2:
             second = np.int64(kinds[cell]) if code <= LAST_BINARY else 0
-            done = np.int64(replacements[code, accumulator, second])
+            done = np.int64(tables.replacements[code, accumulator, second])
             pairs[kept] = (done & 0xFF00) | (pair & 0xFF)
             accumulator = done & 0xFF if done else accumulator
             kept += done != 0

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.evolution.code import Scores
 from gpmodel.evolution.description_length import RESOLUTION
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 
@@ -59,11 +60,7 @@ def choose_outputs(
     half_components: float,
     parsimony: float,
     unique_share: float,
-    score: Array,
-    gain: Array,
-    complexity: IntArray,
-    site: IntArray,
-    chosen: IntArray,
+    scores: Scores,
 ) -> None:
     """Select the outputs of each program at each site by forward selection, and the set with the least description
     length.
@@ -87,11 +84,11 @@ def choose_outputs(
     rest = np.empty(outputs)
     inner = np.empty((products.shape[1], sites))
     for p in range(programs):
-        score[p] = 0.0
-        gain[p] = 0.0
-        complexity[p] = 0
-        site[p] = 0
-        chosen[p] = 0
+        scores.score[p] = 0.0
+        scores.gain[p] = 0.0
+        scores.complexity[p] = 0
+        scores.site[p] = 0
+        scores.chosen[p] = 0
         pair = 0
         for i in range(outputs):
             for j in range(i, outputs):
@@ -140,12 +137,12 @@ def choose_outputs(
                     count += (bits >> i) & 1
                 left = max(1.0 - explained, _ROUNDING / smallest)
                 length = half_components * math.log(left) + parsimony * (size + count)
-                if length < score[p] - RESOLUTION:
-                    score[p] = length
-                    gain[p] = 1.0 - left
-                    complexity[p] = size
-                    site[p] = s
-                    chosen[p] = bits
+                if length < scores.score[p] - RESOLUTION:
+                    scores.score[p] = length
+                    scores.gain[p] = 1.0 - left
+                    scores.complexity[p] = size
+                    scores.site[p] = s
+                    scores.chosen[p] = bits
                 pivot = gram[best, best]
                 for i in range(outputs):
                     if i != best:
