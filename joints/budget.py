@@ -76,8 +76,8 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
 
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
-    """Return the derivatives (rows, 30) of the position [m] by the thesis parameters at angles q (poses, 3), rad. Each
-    pose has three rows, or fewer if the angles are unknown and therefore eliminated."""
+    """Return the derivatives (rows, 30) of the position [m] with respect to the thesis parameters at angles q (poses,
+    3), rad. Each pose has three rows, or fewer if the angles are unknown and therefore eliminated."""
     data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)

@@ -93,7 +93,7 @@ class Body:
 @dataclass(frozen=True)
 class HertzContact:
     """A Hertz contact: semi-axes of the contact ellipse [m], peak pressure [Pa], approach of the bodies [m] and
-    stiffness [N/m] (derivative of the force by the approach)."""
+    stiffness [N/m] (derivative of the force with respect to the approach)."""
 
     semi_major: Array
     semi_minor: Array

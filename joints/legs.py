@@ -77,8 +77,8 @@ def wrenches(along: Array, arm: Array) -> Array:
 
 
 def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
-    """Return the derivatives (poses, 6, 6) of the six link lengths by a twist of the tool, in the tool frame. The row
-    of a link is (u, r × u): unit vector u along the link, vector r from the tool to its upper ball."""
+    """Return the derivatives (poses, 6, 6) of the six link lengths with respect to a twist of the tool, in the tool
+    frame. The row of a link is (u, r × u): unit vector u along the link, vector r from the tool to its upper ball."""
     turn = tool[:, :3, :3]
     along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
     arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
@@ -274,7 +274,8 @@ class SixLegged:
         return []
 
     def jacobian(self, frames: Array) -> Array:
-        """Return the derivatives (poses, 6, 6) of the link lengths by a twist of the tool, in the tool frame."""
+        """Return the derivatives (poses, 6, 6) of the link lengths with respect to a twist of the tool, in the tool
+        frame."""
         return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:

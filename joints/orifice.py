@@ -93,7 +93,8 @@ class NozzleOrifice:
         return (low + high) / 2
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the derivative of the flow by the socket pressure [m^3/(s Pa)]; zero for a choked orifice."""
+        """Return the derivative of the flow with respect to the socket pressure [m^3/(s Pa)]; zero for a choked
+        orifice."""
         _drop(inlet, socket)
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / (np.asarray(inlet, float) + ATMOSPHERE)
         return self._capacity / ATMOSPHERE * _discharge_slope(ratio)

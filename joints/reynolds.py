@@ -71,8 +71,8 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
     """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
     load = 6 mu r^2 flow integral(sin t / h^3 dt) at ball radius r, gap h and polar angle t, in closed form; stiffnesses
-    follow from the derivative cos t of the gap by the displacement of the ball. At constant inlet pressure the orifices
-    reduce the stiffness as in the flat film.
+    follow from the derivative cos t of the gap with respect to the displacement of the ball. At constant inlet pressure
+    the orifices reduce the stiffness as in the flat film.
     """
     lift = positive("displacement", displacement, "m")
     weight = not_negative("load", load, "N")
@@ -146,7 +146,8 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
 
 
 def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> tuple[Array, Array]:
-    """Return the integral of `_log_integral` from the orifices to the edge, and its derivative by the displacement."""
+    """Return the integral of `_log_integral` from the orifices to the edge, and its derivative with respect to the
+    displacement."""
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
     for cosine, weight in _rule(geometry, None):
@@ -175,7 +176,7 @@ def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return the derivative of `_load_integral` by the displacement of the ball."""
+    """Return the derivative of `_load_integral` with respect to the displacement of the ball."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cos_inner, cos_outer = np.cos(geometry.orifice_angle), np.cos(geometry.socket_angle)
@@ -328,8 +329,8 @@ def linearised_film(
 ) -> FedFilm:
     """Return the linearised film with a `flow` [m^3/s] from the ring of orifices to the edge.
 
-    slope: derivative of the flow by the pressure [m^3/(s Pa)] at the ring. Finite volumes between the midpoints of
-    nodes use equal areas for displaced air and load, so that no energy is gained or lost at rest.
+    slope: derivative of the flow with respect to the pressure [m^3/(s Pa)] at the ring. Finite volumes between the
+    midpoints of nodes use equal areas for displaced air and load, so that no energy is gained or lost at rest.
     """
     phi, alpha, r = geometry.orifice_angle, geometry.socket_angle, geometry.ball_radius
     ring = max(round(nodes * phi / alpha), 1)

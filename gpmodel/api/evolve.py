@@ -168,8 +168,8 @@ class EvolutionResult(Shown):
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per run: representation, number, shuffled (residual permuted), gain, gain on held-out poses,
-        complexity, site, program."""
+        """Return one row per run: representation, number of the run, shuffled (residual permuted), gain (removed share
+        of the residual), heldout (gain on held-out poses), complexity (nodes), site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
         return pd.DataFrame(self.runs, columns=columns)
 

@@ -46,7 +46,8 @@ def with_changes(session: Session, problem: Linearised, changes: Sequence[Possib
 def motions(
     session: Session, problem: Linearised, changes: Sequence[PossibleChange], poses: Poses
 ) -> tuple[Array, Array]:
-    """Return the derivatives (poses, 3, columns) of the measured point by registration and by possible changes."""
+    """Return the derivatives (poses, 3, columns) of the measured point with respect to registration and possible
+    changes."""
     changed, columns = with_changes(session, problem, changes)
     names = problem.placement_names
     size = problem.placement + len(changed.saved.theta)

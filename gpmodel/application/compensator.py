@@ -22,7 +22,7 @@ from gpmodel.model.sites import sites_of
 
 @dataclass(frozen=True)
 class TrainingProblem:
-    """Search problem of the training poses. heldout: function from a program to its gain on held-out poses, or None."""
+    """Search problem of the training poses. heldout: share of the held-out error that a program removes, or None."""
 
     problem: Problem
     heldout: Callable[[Program], float] | None
@@ -36,7 +36,7 @@ Table 5.1 and the values of sin, cos and atan."""
 def cartesian_task(
     fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
 ) -> TrainingProblem:
-    """Return the problem of a Cartesian compensator on training poses, with its gain on held-out poses."""
+    """Return the problem of a Cartesian compensator on training poses, with its score on held-out poses."""
     problem = cartesian_problem(fit, poses, train, norm)
     if not len(held):
         return TrainingProblem(problem, None)

@@ -131,8 +131,8 @@ def _over_worlds(
 ) -> ErrorBounds:
     """Return bounds on the error at further poses by simulation.
 
-    columns: derivatives of the predicted points by the unknowns. covariance: of the unknowns. excess: factor on the
-    noise.
+    columns: derivatives of the predicted points with respect to the unknowns. covariance: of the unknowns. excess:
+    factor on the noise.
     """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -142,8 +142,8 @@ class PlanningContext:
         return np.concatenate([np.delete(columns, at, axis=2), shape[:, :, None]], axis=2)
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Return the derivatives of the coordinates by registration, tool, effects and `more`, over the noise σ. The
-        part of derivatives that unmeasured joints absorb is projected out.
+        """Return the derivatives of the coordinates with respect to registration, tool, effects and `more`, over the
+        noise σ. The part of derivatives that unmeasured joints absorb is projected out.
 
         """
         saved = self.saved

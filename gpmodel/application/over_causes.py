@@ -204,7 +204,8 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
 
 
 def _system_of_fit(residual: Residual) -> Array:
-    """Return the derivatives by registration, tool and effects, SI units, above the rows of all priors of the fit.
+    """Return the derivatives with respect to registration, tool and effects, SI units, above the rows of all priors of
+    the fit.
 
     Priors of tool and geometry decide among parameter values that the measurements do not distinguish: the residual is
     equal for all of them, but the parameter values differ.

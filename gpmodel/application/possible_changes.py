@@ -48,8 +48,9 @@ HALF_WAVES, POSES_A_WAVE = 6, 16
 class PossibleChange:
     """One possible change of a machine since its fit.
 
-    columns: whitened derivatives of the measurements by the change, in `unit`; for kind `size`, by a relative change.
-    kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
+    columns: whitened derivatives of the measurements with respect to the change, in `unit`; for kind `size`, to a
+    relative change. kind: `set-up` means that the instrument or a stationary object moved during the session, not the
+    machine.
     share: share of the significance level, and prior probability. price: penalty of the description, nats; zero for a
     set-up, because its axes and rows are equally likely.
     effects: effects that the change adds to the model. at: columns of the linear problem that the change moves, if the

@@ -43,14 +43,15 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
 
 
 def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:
-    """Return the derivatives of each predicted point by registration, tool, all effects of the model and the effects
-    `more`."""
+    """Return the derivatives of each predicted point with respect to registration, tool, all effects of the model and
+    the effects `more`."""
     effects = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
     return np.concatenate([placement_columns(saved, poses, observed), effects], axis=2)
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives of each predicted point by registration and tool, in the instrument's axes."""
+    """Return the derivatives of each predicted point with respect to registration and tool, in the instrument's
+    axes."""
     tip, labels = observed.tip, poses.dataset
     out = np.zeros((len(tip), 3, len(saved.covariance.placement)))
     arm = tip[:, :3, 3] - saved.covariance.centre

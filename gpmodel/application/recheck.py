@@ -176,7 +176,7 @@ class Recheck:
     """Whitened residuals of a later session.
 
     z: whitened residual. basis: orthonormal basis of the projected-out span.
-    pose_id: number of every pose, equal for repeats. pose: pose number of every row.
+    pose_id: label of every pose, equal for repeats. pose: pose index of every row.
     freedom: degrees of freedom of the noise σ.
     anew: names of the parameters that the session fits, and their covariance.
     """

@@ -87,7 +87,7 @@ class Repaired:
 class _Fit:
     """Refitted model of a session. changed: columns D of the changed parameters. left: linear system of the last step.
 
-    step: derivatives of all parameters of the model by the unknowns of the system.
+    step: derivatives of all parameters of the model with respect to the unknowns of the system.
     """
 
     session: Session

@@ -38,12 +38,12 @@ class FittedColumns:
 
     @property
     def columns(self) -> Array:
-        """Derivatives of the measurements by registration, tool and effects, weighted like the residual."""
+        """Weighted derivatives of the measurements with respect to registration, tool and effects."""
         return self.problem.columns
 
     @property
     def first(self) -> int:
-        """Number of the column of the first effect; columns of registration and tool precede it."""
+        """Index of the column of the first effect in `columns`; columns of registration and tool precede it."""
         return self.problem.placement
 
     @property
@@ -65,11 +65,11 @@ class FittedColumns:
         return np.vstack([values, np.zeros((len(self.orthogonal.u) - len(values), values.shape[1]))])
 
     def position(self, k: int) -> int:
-        """Return the column number of effect number `k` among the fitted columns."""
+        """Return the index of the column of effect `k` (an index from 0) among the fitted columns."""
         return self.first + int(np.sum(self.calibration.free[:k]))
 
     def columns_of(self, candidate: Candidate) -> Array:
-        """Return the derivatives of the measurements by a candidate's effects, weighted like the residual."""
+        """Return the weighted derivatives of the measurements with respect to a candidate's effects."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
@@ -281,7 +281,8 @@ def _telling(
 ) -> list[tuple[Array, Array]]:
     """Return for each constant the joint values, rad and m, where its candidate differs most, and the distances, m.
 
-    found: number of the constant, candidate, and its coefficients. Candidates of one constant are solved together.
+    found: index of the constant, alternative candidate, and coefficients of the candidate. Candidates of one constant
+    are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)

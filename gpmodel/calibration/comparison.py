@@ -39,7 +39,7 @@ class Step:
     """One model of a sequence of growing models: its name, its fit to the training poses and its 3-D errors, m.
 
     train_error: error of each training pose. heldout_error: error of each held-out pose, NaN for an unknown set-up or
-    tool. finding: number of the accepted effect that the model adds.
+    tool. finding: index of the accepted effect that the model adds.
     """
 
     name: str

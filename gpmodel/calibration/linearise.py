@@ -1,4 +1,4 @@
-"""Linearise the measurements at one point: residuals and derivatives by every parameter, weighted."""
+"""Linearise the measurements at one point: residuals and derivatives with respect to every parameter, weighted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -73,8 +73,8 @@ def joint_readings(
     """Return the linear equations for the approximate joint values at every pose.
 
     off: joint values of the table minus joint values solved from measurements, rad, m. columns: derivatives C of the
-    measurements by all parameters, weighted. weights: weight of each measurement, zero if the measurement is missing or
-    not used.
+    measurements with respect to all parameters, weighted. weights: weight of each measurement, zero if the measurement
+    is missing or not used.
 
     U S Vᵀ are the weighted sensitivities of one pose to its unmeasured joints, in units of `prior_sigmas`. A step of
     the parameters moves the best-fitting joint values by -V S⁺ Uᵀ C step. The joint values in the table differ from the
@@ -130,7 +130,7 @@ class Linearised:
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Return the derivatives of the measured rows by the coefficient of each effect, weighted like the residual.
+        """Return the weighted derivatives of the measured rows with respect to the coefficient of each effect.
 
         For errors of the instrument, the part that registrations and tools absorb is projected out.
         """
@@ -172,7 +172,8 @@ class Reduction:
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives of the measurements by each effect's unknown, by pose, component and effect."""
+    """Return the derivatives (poses, components, effects) of the measurements with respect to the effects'
+    coefficients."""
     out = np.zeros((len(effects), len(poses), observed.components))
     for k, slot, axis, shape in _shaped(effects, model, poses, observed):
         out[k] += observed.sensitivity(slot)[:, :, axis] * shape[:, None]
@@ -182,7 +183,8 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 def add_effect_rows(
     out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
 ) -> Array:
-    """Add the weighted derivatives of the measurements by each effect to `out`, one line per effect; return `out`.
+    """Add the weighted derivatives of the measurements with respect to each effect to `out`, one line per effect;
+    return `out`.
 
     weights: weights by pose and component; only components with a positive weight are rows. The derivatives equal those
     of `effect_columns`; memory is used for one effect at a time.

@@ -19,8 +19,8 @@ class Whitening:
     """Random-effects noise: the rows of a block share an error of variance ρ σ²; each row adds an error of variance σ².
 
     A block holds one component (such as x) of all repeats of a pose. The covariance of a block of n rows is σ² (I + ρ
-    11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), mean(v) over the block. block: block number of each row.
-    ratio: variance ratio ρ of shared to independent noise.
+    11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), mean(v) over the block. block: index of the block of each
+    row. ratio: variance ratio ρ of shared to independent noise.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 

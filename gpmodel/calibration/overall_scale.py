@@ -139,8 +139,8 @@ def nominal_constants(model: ErrorModel) -> Mask:
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
     """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
-    columns: derivatives of the measurements by unknowns, which are scaled to unit prior variance.
-    target: measurements, m. placed: derivatives by the unknowns that have no prior.
+    columns: derivatives of the measurements with respect to unknowns, which are scaled to unit prior variance.
+    target: measurements, m. placed: derivatives with respect to the unknowns that have no prior.
     most: upper limit of the prior standard deviation of the unknowns, m and rad.
     Returns the standard deviation, the RMS residual, m, and orthonormal combinations that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +

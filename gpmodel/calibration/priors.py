@@ -35,7 +35,7 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 
 
 def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
-    """Return one row per effect number in `effects`, zero except for the effect's weight in the effect's column."""
+    """Return one row per effect index in `effects`, zero except for the effect's weight in the effect's column."""
     rows = np.zeros((len(effects), problem.columns.shape[1]))
     rows[np.arange(len(effects)), problem.placement + effects] = weights
     return rows

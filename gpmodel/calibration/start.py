@@ -17,8 +17,8 @@ from gpmodel.table.dataset import Dataset
 
 
 def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Return the derivatives of each pose's measurements by the unknowns of registration, tool and instruments, in
-    blocks, and the names of the unknowns."""
+    """Return the derivatives of each pose's measurements with respect to the unknowns of registration, tool and
+    instruments, in blocks, and the names of the unknowns."""
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []

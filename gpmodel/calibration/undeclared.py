@@ -4,10 +4,10 @@ Within the measured region, constants can imitate an undeclared effect; outside,
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
-where f_a are unknown smooth functions of the joint values q and e is the noise. c_a, A, F are the derivatives of r: by
-axis a; by all constants θ; by registration, tool and declared effects ρ. γ_a, τ and n maximise the restricted
-likelihood. Constants are fitted by generalised least squares with the covariance V of functions and noise. The
-conditional mean of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
+where f_a are unknown smooth functions of the joint values q and e is the noise. c_a, A, F are the derivatives of r with
+respect to axis a, to all constants θ, and to registration, tool and declared effects ρ. γ_a, τ and n maximise the
+restricted likelihood. Constants are fitted by generalised least squares with the covariance V of functions and noise.
+The conditional mean of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 
@@ -168,8 +168,9 @@ class UndeclaredCovariance:
     def posterior_variance(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
         """Return the posterior variance of predicted points, m², by fitted unknowns and unknown functions together.
 
-        axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted:
-        problem of the fit. The part of an unknown that functions absorb is not counted twice (universal kriging).
+        axes, columns: derivatives of the points with respect to the functions' axes and the unknowns. q: joint values.
+        fitted: problem of the fit. The part of an unknown that functions absorb is not counted twice (universal
+        kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):

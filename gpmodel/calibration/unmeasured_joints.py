@@ -50,7 +50,8 @@ def prior_sigmas(mechanism: Mechanism) -> Array:
 
 
 def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
-    """Return the derivatives of each pose's measurements by its unmeasured joints, through the joints' drives."""
+    """Return the derivatives of each pose's measurements with respect to its unmeasured joints, through the joints'
+    drives."""
     free = free_joints(mechanism)
     out = np.zeros((len(observed.tip), observed.components, len(free)))
     for k, i in enumerate(free):
@@ -78,8 +79,8 @@ class Complement:
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
-    """Return the directions of measurements that unmeasured joints do not move. columns: weighted derivatives by
-    unmeasured joints. measured: mask of measured components."""
+    """Return the directions of measurements that unmeasured joints do not move. columns: weighted derivatives with
+    respect to unmeasured joints. measured: mask of measured components."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
     blocks = np.concatenate([columns, np.eye(measured.shape[1]) * absent[:, :, None]], axis=2)
@@ -89,10 +90,11 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives by them.
+    """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives with respect to the
+    unmeasured joints.
 
-    Returns columns, residual and the pose number of each row. A column of which the joints absorb all but ELIMINATED is
-    set to zero. NaN in the residual means not measured.
+    Returns columns, residual and the index of the pose of each row. A column of which the joints absorb all but
+    ELIMINATED is set to zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)

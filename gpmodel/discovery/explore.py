@@ -62,9 +62,9 @@ def explore(
 ) -> Exploration:
     """Evolve programs at all sites at once, `runs` times by each representation, then on permuted residuals.
 
-    After the first round the permuted runs are omitted if no program reaches the least gain of a finding. Half as many
-    permuted runs suffice if their largest gains are pooled with earlier ones, but at least as many as a p-value needs.
-    With more than `evolved_poses` poses evolution uses a sample of them (half of it if the model has hundreds of
+    After the first round the permuted runs are omitted if no program has the least gain, nats, of a finding. Half as
+    many permuted runs suffice if their largest gains are pooled with earlier ones, but at least as many as a p-value
+    needs. With more than `evolved_poses` poses evolution uses a sample of them (half of it if the model has hundreds of
     columns); programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)

@@ -134,7 +134,7 @@ def constants_in_words(
 
 
 def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
-    """Return the derivatives of the position and of the width of a bump or step by a constant inside its formula."""
+    """Return the derivatives of position and width of a bump or step with respect to a constant in its formula."""
     beside = [candidate_outline(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
     below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
     step = 2.0 * STEP * constant.value

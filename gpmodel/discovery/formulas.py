@@ -142,8 +142,8 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """Return the formula searches for a smooth function, in its inputs and at its site.
 
-    For a function without a name the site of largest gain is searched, too. A function with several sites or too many
-    inputs has no search. If two inputs are lagged copies of one column, each input is searched separately.
+    For a smooth function of no family, the site of highest evidence is searched, too. A function with several sites or
+    too many inputs has no search. If two inputs are lagged copies of one column, each input is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -164,7 +164,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """Return the site of largest gain for a smooth function, or its site `own` if no gain is clearly larger.
+    """Return the site of highest evidence for a smooth function, or its site `own` if no evidence is clearly higher.
 
     Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly equally.
     """

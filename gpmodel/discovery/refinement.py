@@ -205,8 +205,8 @@ STEP = 1e-3
 """Step, relative to the constant, of the central difference by a constant inside a formula."""
 
 OWN = 0.005
-"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient. Difference
-quotients approximate derivatives to a tenth of the share."""
+"""Least unique share of the derivative with respect to a constant in a formula; a scale only rescales the coefficient.
+Difference quotients approximate derivatives to a tenth of the share."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""
@@ -337,7 +337,7 @@ def _texts(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
 
 
 def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effect:
-    """Return the derivative of a candidate by one constant, θ (φ above - φ below) / step, as an effect at its sites."""
+    """Return the derivative θ (φ above - φ below) / step of a candidate with respect to one constant, as an effect."""
     terms = []
     for effect, value, below, above in zip(candidate.effects, theta, moved.below, moved.above, strict=True):
         for term, low, high in zip(effect.terms, below, above, strict=True):

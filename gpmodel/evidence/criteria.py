@@ -67,7 +67,7 @@ class Criteria:
     input_significance: float = 0.05
 
     def rests_on_one_pose(self, gained: Array) -> bool:
-        """Return whether most of a group's gain is from one pose, an outlier. gained: gain at each pose."""
+        """Return whether one pose, an outlier, gives most of a group's gain. gained: decrease of residual² by pose."""
         return float(gained.max()) > self.one_pose_share * float(gained.sum())
 
 

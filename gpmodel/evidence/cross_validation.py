@@ -53,13 +53,13 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
 
 
 def paired_t(gain: Array) -> float:
-    """Return the mean of gains divided by its standard error; 0 if all gains are equal."""
+    """Return the mean of values, such as error reductions, over its standard error; 0 if all values are equal."""
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
-    """Return the paired t of the gain of prediction `after` over `before`, over independent blocks of poses.
+    """Return the paired t of the squared errors of two predictions over blocks, positive if `after` is better.
 
     The errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors of `before`. Without a
     limit, one pose that a smooth function misses by far would decide the test.
@@ -69,7 +69,7 @@ def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """Return the paired t of the cross-validated gain of `effects` over `others`, over independent blocks of poses."""
+    """Return the paired t of cross-validated squared errors over blocks, positive if `effects` are better."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
 
@@ -78,8 +78,8 @@ def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Ef
 class Confirmation:
     """Paired test of two models on held-out poses.
 
-    t: mean gain in squared error of the second model over `units` independent blocks of poses, in standard errors.
-    p_value: one-sided probability of a gain as large between equally good models.
+    t: mean reduction of squared error by the second model over `units` independent blocks, in standard errors. p_value:
+    one-sided probability of a reduction as large between equally good models.
     passed: whether the p-value is below the limit `confirmation` of `Criteria`.
     """
 
@@ -100,8 +100,7 @@ def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> 
     """Test whether the second of two models has smaller 3-D errors on poses that selected neither model.
 
     before, after: errors of each pose by the two models, m, NaN if unknown; a pose with both above median + 6 · 1.4826
-    MAD of the first model's errors has no weight. units: number of the block of each pose. With a single block p = 1.
-    """
+    MAD of the first model's errors has no weight. units: block index of each pose. With a single block p = 1."""
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)

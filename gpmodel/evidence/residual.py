@@ -22,7 +22,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Return the number of the block of each pose; a block counts as one observation. Blocks are in order of rows.
+    """Return the block index of each pose; the poses of a block count as one observation. Blocks are in order of rows.
 
     Poses with one value of `group` or `repeat` in the table form a block. If these blocks are too few for a permutation
     test, only rows that measure one pose form a block.
@@ -35,7 +35,7 @@ def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Return the number of the block of each pose; a permutation moves the poses of a block together.
+    """Return the block index of each pose; a permutation moves the poses of a block together.
 
     Blocks are groups and repeats of the table. For single poses in the order of measurement, blocks are stretches of
     rows, which keep the dependence between neighbouring rows. Source: Künsch (1989), blocks.
@@ -50,7 +50,7 @@ def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
 def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Permute whole blocks of poses `count` times; return one column of values of measured rows per permutation.
 
-    unit: block number of each pose. Poses keep their order within a block. The value of a measured component is zero
+    unit: block index of each pose. Poses keep their order within a block. The value of a measured component is zero
     if the pose permuted into its place did not measure the component.
     """
     present = problem.weights > 0
@@ -80,7 +80,7 @@ class Residual:
     values: residual on measured rows and prior rows, m.
     names: effects of the columns after the columns of registration and tool.
     fold_of_row: fold of each measured row in the cross-validation.
-    block_of_pose: number of the block of each pose; a block counts as one observation.
+    block_of_pose: block index of each pose; the poses of a block count as one observation.
     gram: inner products of the columns; empty if no effect has a prior.
     scale_rows: number of prior rows on lengths and tool point, which fix the overall scale.
     noise: standard deviation σ that weights the priors, m.
@@ -127,7 +127,7 @@ class Residual:
         return float(np.linalg.norm(self.values[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the derivatives of measured rows by the coefficients of any effects, weighted like the residual."""
+        """Return the weighted derivatives of measured rows with respect to the coefficients of the given effects."""
         return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:

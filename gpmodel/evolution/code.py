@@ -25,12 +25,12 @@ class Tables(NamedTuple):
     """Tables from which the compiled loops decode programs. An instruction is 256 * op-code + operand byte.
 
     op_codes: by instruction byte, 256 times its op-code, plus 255 if the op-code takes an operand.
-    operands: operand of every instruction: register number, or number of registers + row number; row 0 without operand.
+    operands: operand of every instruction: register index, or number of registers + row index; row 0 without operand.
     writes, reads: bit mask of the registers that each instruction writes and reads.
     start: rows of values with which the registers start.
     replacements: operator that replaces an operator that is not allowed for its arguments, as in ``Typing.repairs``.
-    kinds: number of the kind of quantity in each register at the start, then of each row of values.
-    base: number of fixed rows.
+    kinds: index of the kind of quantity in each register at the start, then of each row of values.
+    base: number of rows of values that all programs share (inputs, fixed constants, zeros).
     """
 
     op_codes: NDArray[np.uint16]

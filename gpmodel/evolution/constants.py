@@ -11,8 +11,8 @@ from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
 IDLE = 1e-12
-"""Least share of the derivative by a constant that lies outside the span of the model's columns. A constant with a
-smaller share is not fitted, because columns of the model have an equal effect."""
+"""Least share of the derivative with respect to a constant that lies outside the span of the model's columns. A
+constant with a smaller share is not fitted, because columns of the model have an equal effect."""
 
 
 def polish(
@@ -23,7 +23,7 @@ def polish(
     held: tuple[float, ...] = (),
     steps: int = 20,
 ) -> tuple[Program, float]:
-    """Fit the constants of a program at a site by least squares; return the program and its gain.
+    """Fit the constants of a program at a site; return the program and the share of the residual's squares it removes.
 
     The method is Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at
     every step. Constants with a value in ``held`` are not fitted. The fit never lowers the gain. A program with several

@@ -209,7 +209,7 @@ def _of_column(
 
 
 def _of_weighted_sum(problem: SlotProblem) -> _Structure:
-    """Return formulas of the weighted sum of inputs with the largest gain."""
+    """Return formulas of a weighted sum of the inputs; the weights maximise the evidence of a smooth function."""
     weights = weighted_sum(problem.targets, problem.inputs.values)
     weights = weights / weights[np.argmax(np.abs(weights))]
     pairs = zip(problem.inputs.names, weights.tolist(), strict=True)
@@ -218,7 +218,7 @@ def _of_weighted_sum(problem: SlotProblem) -> _Structure:
 
 
 def _of_distance(problem: SlotProblem) -> _Structure:
-    """Return formulas of the distance from a point, in the plane of two inputs, with the largest gain."""
+    """Return formulas of a distance in the plane of two inputs, from the point of highest log evidence."""
     (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
     return _of_any(problem, parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))"))
 

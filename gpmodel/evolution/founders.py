@@ -2,8 +2,8 @@
 
 An element is an operator of k (u - c), where u is the input scaled to [0, 1]: line, power, wave, bump, ramp, step, dead
 zone, saturation, pole, root, logarithm. Some forty thousand short forms, on a grid of k and c, are compared by
-projection; their constants are fitted afterwards. A step has no derivative by its position; steps are tried between all
-neighbouring values. Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
+projection; their constants are fitted afterwards. A step has no derivative with respect to its position; steps are
+tried between all neighbouring values. Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 """
 
 from collections.abc import Callable, Iterable, Iterator

@@ -52,7 +52,7 @@ class Histogram:
 
     @property
     def p_values(self) -> tuple[float, ...]:
-        """Larger of the two p-values of each input: many programs have to use a significant input, and gain much."""
+        """Larger of two p-values of each input: by the number of programs with the input, and by their largest gain."""
         return tuple(map(max, self.count_p, self.strength_p))
 
     @property

@@ -236,7 +236,8 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
 
 
 def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
-    """Return the derivative of a program by its input z, at z = 0, at each pose; None if it is zero or not finite."""
+    """Return the derivative of a program with respect to its input z, at z = 0, at each pose; None if it is zero or not
+    finite."""
     step = 1e-6
     ends = [
         moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)

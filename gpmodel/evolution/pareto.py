@@ -1,4 +1,4 @@
-"""The Pareto front of a run of genetic programming: the program with the largest gain at every complexity."""
+"""The Pareto front of genetic programming: at every complexity, the program that removes most of the residual."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Elite:
 
 
 class Archive:
-    """Store of the evolved program with the largest gain at each complexity."""
+    """Store of the evolved program that removes the largest share of the residual, for each complexity."""
 
     def __init__(self) -> None:
         self.best_gain = 0.0

@@ -92,7 +92,7 @@ class Plan:
     seed: int
 
     def tasks(self, problem: Problem) -> dict[Number, Task]:
-        """Return the task of every evolution run. The key is the number of its setting, and twice the number of the
+        """Return the task of every evolution run. The key is a pair: index of the setting, and twice the index of the
         run, plus one if the residual is permuted.
         Each task has a random stream that depends on the seed, the name of the setting and the number."""
         tasks = {}
@@ -106,7 +106,8 @@ class Plan:
     def run(
         self, number: Number, found: Evolution, problem: Problem, heldout: Callable[[Program], float] | None
     ) -> "Run":
-        """Return the text record of a finished run. heldout: function that gives a program's gain on held-out poses."""
+        """Return the text record of a finished run. heldout: function that returns the share of the residual at
+        held-out poses that a program removes."""
         best, shuffled = found.best, bool(number[1] % 2)
         return Run(
             tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
@@ -121,8 +122,9 @@ class Plan:
 class Run:
     """One finished run of the evolution, as text and numbers.
 
-    heldout: gain on held-out poses, None without held-out poses.
-    front: complexity, gain and text of the programs with a larger gain than all simpler programs, simplest first.
+    heldout: removed share of the residual at held-out poses, None without held-out poses.
+    front: complexity (nodes), gain (removed share of the residual) and text of each program with a larger gain than all
+    simpler programs, simplest first.
     """
 
     representation: str

@@ -22,7 +22,7 @@ from gpmodel.formula.program import Program
 class Evolution:
     """Result of an evolution run.
 
-    front: programs with a larger gain than all simpler programs, simplest first.
+    front: programs that remove a larger share of the residual than all simpler programs, simplest first.
     history: one array per quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds). best
     and median are the best and the median score of programs with a finite score; smaller scores are better.
     histogram: number of references to each input in the effective code of the best program; operators: number of uses

@@ -88,7 +88,7 @@ class Budget:
 
     population: number of programs of a generation.
     generations, seconds: limits of the run, whichever is reached first.
-    target: gain of a program at which the run ends.
+    target: share of the residual removed by a program at which the run ends.
     polish_every: generations between fits of the constants that the best programs carry (0: never).
     restart_after: generations without progress before a new random population (0: never).
     climb: number of best programs from which formulas are bred at the end of a search at sites (0: none).

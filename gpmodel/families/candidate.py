@@ -139,7 +139,8 @@ class Candidate:
         return "curve"
 
     def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
-        """Return the size of the candidate as one number, and the derivative of the size by each coefficient `theta`.
+        """Return the size of the candidate as one number, and the derivative of the size with respect to each
+        coefficient `theta`.
 
         The size is the coefficient θ of a single effect, √(θ₁² + θ₂²) of a sine and cosine, the length of a vector (of
         the components in the unit of the first effect), and the RMS over the poses of a curve Σ θ φ with basis

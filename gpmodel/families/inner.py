@@ -29,7 +29,7 @@ class Constant:
     whole: whether the constant is the last row before an event; the basis functions use the middle between the row
     before and the row after the event.
     rows: first and last row of the 95 % interval of an event, None if unknown.
-    number: number of the constant's symbol in the template. least: lower bound of the constant.
+    number: index of the constant's symbol in the template. least: lower bound of the constant.
     """
 
     name: str

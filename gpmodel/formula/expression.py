@@ -146,7 +146,7 @@ class _Reader:
 
 
 def raise_to(builder: Builder, base: int, power: int) -> int:
-    """Return the number of the node of ``base**power``, for a whole power of at least one, computed by squaring."""
+    """Append nodes that compute ``base**power`` by squaring, power a whole number above 0; return the node index."""
     if power == 1:
         return base
     half = raise_to(builder, base, power // 2)

@@ -118,7 +118,8 @@ class Branched(Protocol):
 
     @property
     def parents(self) -> tuple[int, ...]:
-        """Position in `slots` of the previous slot of each slot on its chain; -1 for the first slot of all chains."""
+        """Index in `slots` of the previous frame (slot) of each frame on its chain; -1 for the first frame of all
+        chains."""
 
     @property
     def tips(self) -> Mapping[str, str]:
@@ -136,7 +137,7 @@ def branched(mechanism: Mechanism) -> Branched | None:
 
 
 def mounting_slots(tree: Branched) -> list[int]:
-    """Return the positions in `slots` at which a further arm is mounted on a slot that carries another arm.
+    """Return the indices in `slots` of frames that carry an arm and on which a further arm is mounted.
 
     The first arm at each frame (slot) is not listed, nor are measured tips, whose slot is the tool.
     """
@@ -161,7 +162,7 @@ def moves_with(mechanism: Mechanism) -> Mask:
 def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) -> Array:
     """Return the poses (slots, poses, 4, 4) of all slots in the root frame, m, each after its own error.
 
-    transforms: nominal transforms between successive slots. errors: {slot number: transforms (poses, 4, 4)}.
+    transforms: nominal transforms between successive frames (slots). errors: {frame index: transforms (poses, 4, 4)}.
     """
     nominal = se3.chain(transforms)
     out = np.empty_like(nominal)

@@ -104,8 +104,8 @@ class Mechanism(Protocol):
 class ClosedLoops(Protocol):
     """A mechanism whose legs meet in one platform. An error in a leg moves the tool only as the other legs allow.
 
-    `slots` and `transforms` are as for a chain; the effect of an error twist is different. The geometric constants of a
-    chain do not fit a mechanism with closed loops, which therefore states its own constants.
+    `slots` (frames) and `transforms` are defined as for a serial chain; an error twist moves the tool differently. The
+    geometric constants of a chain do not fit a mechanism with closed loops, which therefore states its own constants.
     """
 
     @property

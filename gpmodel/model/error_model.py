@@ -40,7 +40,7 @@ class Placement:
 class Poses:
     """A table prepared for one mechanism: nominal transforms between frames, columns, and tip frames of every pose.
 
-    tip_slot: number of the slot (frame of the chain) that carries the measured tip, for each row.
+    tip_slot: index of the frame of the chain (slot) that carries the measured tip, for each row.
     """
 
     dataset: Dataset

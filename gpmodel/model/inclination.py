@@ -65,11 +65,13 @@ class Inclination:
         return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives of zero by the tool frame, since the tool point does not change an inclination."""
+        """Return derivatives of zero with respect to the tool frame, since the tool point does not change an
+        inclination."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivative of an inclination by a rotation ω of a link: (s × up)·ω with the inclined axis s."""
+        """Return the derivative of an inclination with respect to a rotation ω of a link: (s × up)·ω with the inclined
+        axis s."""
         axes, out = self._axes(tips, own), {}
         change = np.cross(axes, own[VERTICAL]) * self._steep(axes, own)
         for i, (_, slot) in enumerate(self.links):
@@ -116,7 +118,7 @@ class Inclination:
         return out
 
     def _steep(self, axes: Array, own: Own) -> Array:
-        """Return the derivative (poses, 2, 1) of each inclination by its sine."""
+        """Return the derivative (poses, 2, 1) of each inclination with respect to its sine."""
         rise = axes @ own[VERTICAL]
         return np.asarray(1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
 

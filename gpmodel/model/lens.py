@@ -31,7 +31,7 @@ def _distorted(x: Array, y: Array, lens: Array) -> tuple[Array, Array]:
 
 
 def by_point(points: Array, lens: Array) -> Array:
-    """Return the derivatives (points, 2, 3) of the pixels by the coordinates of the points, px/m."""
+    """Return the derivatives (points, 2, 3) of the pixels with respect to the coordinates of the points, px/m."""
     x, y, z = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], points[:, 2]
     fx, fy, _, _, k1, k2, p1, p2, k3 = lens.T
     r2 = x * x + y * y
@@ -46,7 +46,7 @@ def by_point(points: Array, lens: Array) -> Array:
 
 
 def by_lens(points: Array, lens: Array) -> Array:
-    """Return the derivatives (points, 2, 9) of the pixels by the parameters of the lens."""
+    """Return the derivatives (points, 2, 9) of the pixels with respect to the parameters of the lens."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     fx, fy = lens.T[:2]
     r2 = x * x + y * y

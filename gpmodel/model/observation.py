@@ -81,16 +81,19 @@ class Observation(Protocol):
         """Return measured minus predicted values (poses, components), NaN if unmeasured."""
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives (poses, components, 6) of the prediction by the motion of the tip in instrument axes.
+        """Return derivatives (poses, components, 6) of the prediction with respect to the motion of the tip in
+        instrument axes.
 
         The motion of the tip consists of the shift of its point, m, and a rotation about the point, rad.
         """
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return {frame number: derivative of the prediction by a motion of the frame}, in the axes of the root."""
+        """Return {frame number: derivative of the prediction with respect to a motion of the frame}, in the axes of the
+        root."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives (poses, components, unknowns) of the prediction by unknowns of the measuring equipment."""
+        """Return derivatives (poses, components, unknowns) of the prediction with respect to unknowns of the measuring
+        equipment."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
         """Return the value of the unknown `key` of the measuring equipment after a step."""

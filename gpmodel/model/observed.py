@@ -1,4 +1,5 @@
-"""Predicted measurements, and their derivatives by each twist of the mechanism, the tool and the registration."""
+"""Predicted measurements, and their derivatives with respect to each twist of the mechanism, the tool and the
+registration."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,12 +18,12 @@ class Observed:
 
     tips: predicted poses of the tip.
     frames: poses (frames + 1, poses, 4, 4) of all frames, then of the instrument, with errors, in instrument axes.
-    twists: {frame number: error twist (poses, 6), m and rad}; the last numbers are instrument and tool.
+    twists: {frame index: error twist (poses, 6), m and rad}; the last two indices are instrument and tool.
     kinds: kinds of measurements, such as positions or pixels.
     own: unknowns of the measuring equipment by key.
-    carried: derivative of the tool's twist by the twist of a frame, for closed loops; None for a chain.
+    carried: derivative of the tool's twist with respect to the twist of a frame, for closed loops; None for a chain.
     lineage: mask (frames, frames), True if a twist at one frame moves the other frame.
-    tip_slot: number of the frame that carries the tip, for each pose.
+    tip_slot: index of the frame that carries the tip, for each pose.
     """
 
     tips: Tips
@@ -71,14 +72,14 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Return derivatives (poses, components, 6) of the measurements by an error twist ξ at a frame, at its present
-        value.
+        """Return derivatives (poses, components, 6) of the measurements with respect to an error twist ξ at a frame, at
+        its present value.
 
-        slot: number of the frame; the number after that of the instrument is the tool. The right Jacobian J_r(ξ)
-        converts a change of the twist: exp(ξ + dξ) = exp(ξ) exp(J_r dξ). With the rotation R of the frame after ξ, a
-        translation e moves the tip by R e; a rotation e turns the tip by R e and moves the tip by (R e) × d, with d the
-        vector from the frame to the tip. With closed loops, the twist is first converted to a twist of the tool frame,
-        the last frame before the instrument.
+        slot: index of the frame; the index after that of the instrument is the tool. The right Jacobian J_r(ξ) converts
+        a change of the twist: exp(ξ + dξ) = exp(ξ) exp(J_r dξ). With the rotation R of the frame after ξ, a translation
+        e moves the tip by R e; a rotation e turns the tip by R e and moves the tip by (R e) × d, with d the vector from
+        the frame to the tip. With closed loops, the twist is first converted to a twist of the tool frame, the last
+        frame before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)
@@ -119,24 +120,26 @@ class Observed:
         ]
 
     def tool_sensitivity(self) -> Array:
-        """Return derivatives (poses, components, 6) of the measurements by a twist of the tool frame."""
+        """Return derivatives (poses, components, 6) of the measurements with respect to a twist of the tool frame."""
         turn = self.tip[:, :3, :3]
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
     def registration_sensitivity(self, centre: Array) -> Array:
-        """Return derivatives (poses, components, 6) of measurements by a twist of the registration about `centre`."""
+        """Return derivatives (poses, components, 6) of measurements with respect to a twist of the registration about
+        `centre`."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """Return derivatives (poses, components, unknowns) of the measurements by unknowns of their equipment."""
+        """Return derivatives (poses, components, unknowns) of the measurements with respect to unknowns of their
+        equipment."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out
 
     def _moved(self, motion: Array, absolute: bool = False) -> Array:
-        """Return derivatives (poses, components, 6) of the measurements by a motion of the tip. absolute: True to
-        include only measurements in the instrument's frame."""
+        """Return derivatives (poses, components, 6) of the measurements with respect to a motion of the tip. absolute:
+        True to include only measurements in the instrument's frame."""
         parts = [kind.by_tip(self.tips, self.own) @ motion for kind in self.kinds]
         if absolute:
             parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]

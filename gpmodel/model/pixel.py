@@ -205,10 +205,11 @@ class Board(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Measured pixels of corners. camera, board: number of camera and board of each row, -1 for no measurement.
+    """Measured pixels of corners. camera, board: index of the camera and of the board of each row, -1 for no
+    measurement.
 
-    values: pixels (rows, 2). corner: point on its board, m. view: number of the image. metres: size of one pixel, m.
-    """
+    values: pixels (rows, 2). corner: point on its board, m. view: index of the image of each row. metres: size of one
+    pixel, m."""
 
     values: Array
     cameras: tuple[Camera, ...]
@@ -253,11 +254,12 @@ class Pixels:
         return np.where(self.readings, self.values - lens.pixels(seen.points, seen.lens), np.nan)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives of zero by the tool frame, since the tool point is not in the camera's image."""
+        """Return derivatives of zero with respect to the tool frame, since the tool point is not in the camera's
+        image."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivatives of pixels by the frames of the links that carry a camera or a board."""
+        """Return the derivatives of pixels with respect to the frames of the links that carry a camera or a board."""
         seen, out = self._seen(tips, own), dict[int, Array]()
         change = lens.by_point(seen.points, seen.lens) @ np.swapaxes(seen.camera[:, :3, :3], 1, 2)
         for which, carried, sign in ((self.camera, self.cameras, -1.0), (self.board, self.boards, 1.0)):
@@ -387,7 +389,8 @@ class _View:
 
 
 def _placed(tips: Tips, parts: list[tuple[int, Array]], which: IntArray) -> Array:
-    """Return the pose (4, 4) in the root frame of the camera or board of each row. which: its number in `parts`."""
+    """Return the pose (4, 4) in the root frame of the camera or board of each row. which: index in `parts` of the
+    camera or board of each row."""
     out = np.broadcast_to(np.eye(4), (len(which), 4, 4)).copy()
     for i, (slot, value) in enumerate(parts):
         rows = which == i

@@ -73,7 +73,7 @@ def rotation_vector(rotations: Array) -> Array:
 def vector_change(vectors: Array) -> Array:
     """Return the inverse left Jacobian (..., 3, 3) of rotation vectors φ (..., 3), rad.
 
-    The Jacobian is the derivative of φ by a small rotation about the axes of the outer frame:
+    The Jacobian is the derivative of φ with respect to a small rotation about the axes of the outer frame:
 
     J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
 
@@ -146,8 +146,8 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 def without_registration(points: Array, columns: Array) -> Array:
     """Project a common translation and rotation of points out of their displacements by parameters.
 
-    The projected displacement is minus the derivative of the residual of `fit_rotation` by the parameters, without a
-    term that is proportional to the residual. Source: Kaufman (1975), variable projection.
+    The projected displacement is minus the derivative of the residual of `fit_rotation` with respect to the parameters,
+    without a term that is proportional to the residual. Source: Kaufman (1975), variable projection.
     """
     columns, arms = columns - columns.mean(axis=0), hat(points - points.mean(axis=0)).reshape(-1, 3)
     flat = columns.reshape(len(arms), -1)
@@ -185,7 +185,7 @@ def turned(value: Array, twist: Array) -> Array:
 
 
 def by_pose(points: Array) -> Array:
-    """Return the derivative of points y by a unit twist ξ of the frame of their coordinates.
+    """Return the derivative of points y with respect to a unit twist ξ of the frame of their coordinates.
 
     The points do not move with the frame, and ξ is in the axes of the frame: y' = exp(-ξ) y.
     """

@@ -1,8 +1,8 @@
 """Optimal experimental designs: selection of measurement poses from a pool of candidates.
 
-A pose adds JᵀJ to the information M of the unknowns. J has the derivatives of the pose's three coordinates by the
-unknowns, over the standard deviation of a coordinate. M⁻¹ is the covariance of the unknowns. Sources: Fedorov (1972);
-Pukelsheim (1993); Atkinson and Fedorov (1975).
+A pose adds JᵀJ to the information M of the unknowns. J has the derivatives of the pose's three coordinates with respect
+to the unknowns, over the standard deviation of a coordinate. M⁻¹ is the covariance of the unknowns. Sources: Fedorov
+(1972); Pukelsheim (1993); Atkinson and Fedorov (1975).
 """
 
 from collections.abc import Mapping, Sequence
@@ -149,7 +149,7 @@ class Criterion(Protocol):
         """Return the logarithm of the criterion for an information matrix of the unknowns."""
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the gain of adding (sign 1) or removing (sign -1) each pose. columns: (poses, 3, unknowns)."""
+        """Return the improvement by adding (sign 1) or removing (sign -1) each pose. columns: (poses, 3, unknowns)."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ def _swap(columns: Array, chosen: IntArray, information: Array, goal: Criterion)
 
 
 def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Criterion) -> tuple[IntArray, Array]:
-    """Select poses of `among` one by one, each with the largest gain; return also the information matrix."""
+    """Select poses of `among` one by one, each the best by `goal`; return also the information matrix."""
     information, left, chosen = known.copy(), list(among.tolist()), []
     for _ in range(count):
         at = left.pop(int(np.argmax(goal.change(information, columns[left], 1.0))))

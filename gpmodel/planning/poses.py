@@ -122,8 +122,8 @@ def _at_points(mechanism: Mechanism, q: Array) -> Dataset:
 
 
 def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
-    """Return derivatives (poses, 3, unknowns) of the tip position by registration, tool point and identifiable
-    geometric constants.
+    """Return derivatives (poses, 3, unknowns) of the tip position with respect to registration, tool point and
+    identifiable geometric constants.
 
     The derivatives are taken at the nominal geometry, with a tool point off the last axis, and scaled to unit RMS.
     """

@@ -42,7 +42,7 @@ class Ladder:
 
     final: fit to all poses, or to the rows `final_rows`.
     named: effects requested by the user in addition to the standard model, not listed among the parameters.
-    saved: the content of model.json; None if no file is written. shipped: number of the step whose model is saved.
+    saved: the content of model.json; None if no file is written. shipped: index of the step whose model is saved.
     parts: one fit per fold of the step `shipped`, with the held-out poses of the fold; None for a single fit.
     """
 

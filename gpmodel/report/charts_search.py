@@ -123,7 +123,8 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
 
 
 def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[str]) -> None:
-    """Draw the gains of candidate effects in each round. chosen: names of the effects in the model; one is labelled."""
+    """Draw the net gain, nats, of candidate effects in each round of the search. chosen: names of the effects in the
+    model; one is labelled."""
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):

@@ -54,7 +54,7 @@ class Rows:
         return self._sensitivity[slot][:, AXES.index(axis)]
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the derivative of each measured row by each effect's coefficient, weighted like the residual."""
+        """Return the weighted derivative of each measured row with respect to the coefficient of each effect."""
         out = np.zeros((len(self.pose_of_row), len(effects)))
         for k, effect in enumerate(effects):
             for term in effect.terms:
@@ -130,7 +130,7 @@ class GroupPool:
     """Candidate groups and their distinct effects, which groups may share. A group's columns are scaled by `spreads`.
 
     sizes: number of effects of each group. cost, price, reading: penalties of description, entry and reading of each
-    group, nats. block: number of the joint group that contains each group, -1 for none. wholes: number of each joint
+    group, nats. block: index of the joint group that contains each group, -1 for none. wholes: index of each joint
     group. shared: description price that further parts of a joint group do not pay, nats: all but the log of the number
     of joints. square, rhs: sum of squares of the whitened target without registration, and its products with the unit
     columns. constant, reading_held, kinds_held: objective, reading prices and kinds of groups with fixed variance.

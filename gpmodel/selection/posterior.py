@@ -72,7 +72,7 @@ class Active:
 
     @cached_property
     def index(self) -> IntArray:
-        """Number of the distinct effect that belongs to each of the K columns of the model."""
+        """Index, among the distinct effects, of the effect of each of the K columns of the model."""
         return np.concatenate([self.pool.index[g][self.chosen[g]] for g in self.variances])
 
     @cached_property

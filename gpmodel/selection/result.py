@@ -132,7 +132,7 @@ def gain_null(
 ) -> Array:
     """Compute the largest gain minus description penalty, nats, of any group or sinusoid on each permuted residual.
 
-    Every group of effects is scored as an addition to the model `active`. block: number of the exchangeable block of
+    Every group of effects is scored as an addition to the model `active`. block: index of the exchangeable block of
     each pose. count: number of permuted residuals.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, block, rng, count))
@@ -169,7 +169,7 @@ def permuted(active: Active, block: IntArray, rng: np.random.Generator, count: i
 
     Permuted residuals are rescaled to the noise σ, because the fit removed degrees of freedom and removes them again
     from each permuted residual. The columns of a body that one block alone measures, such as a bar, are removed only
-    once: the residual of another block has no part along these columns. block: block number of each pose.
+    once: the residual of another block has no part along these columns. block: block index of each pose.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(block, return_inverse=True)[1].reshape(-1)

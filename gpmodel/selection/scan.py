@@ -19,7 +19,7 @@ MEMORY = 4_000_000
 
 
 class Scan:
-    """Compute the gain of each candidate group of effects when the group is added to a model.
+    """Compute the gain in log evidence, nats, of adding each candidate group of effects to a model.
 
     table: products of all candidate columns with the model's columns, whitened. classes: products XᵀC⁻¹X and XᵀC⁻¹y of
     the columns X of groups with equally many effects. among: groups to score; the gain of others is set to -∞.

@@ -44,7 +44,7 @@ NEGLIGIBLE = 0.02
 class SmoothTerm:
     """A smooth term: sines of one input, or products of sines of two inputs.
 
-    index: number of the sine of each input in each product.
+    index: index of the sine of each input in each product.
     spreads: relative prior standard deviation of the coefficient of each product.
     """
 
@@ -133,7 +133,7 @@ def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[
 
 
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
-    """Yield smooth terms at the sites and inputs of largest screening gain, scored at every correlation length."""
+    """Yield smooth terms at the sites and inputs of largest approximate gain, scored at every correlation length."""
     places = SiteProducts.of(active, sites)
     states = active.pool.rows.shapes.states
     columns = {name: states[name][places.poses] for name in inputs}

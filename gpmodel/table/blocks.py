@@ -42,7 +42,7 @@ SAMPLE = 50
 
 
 def repeat_blocks(dataset: Dataset) -> IntArray:
-    """Return the number of the block of each row, from 0.
+    """Return the index of the block of each row of the table, from 0.
 
     No division into folds or held-out poses separates a block. Rows with equal `group` or `repeat` labels form a block.
     A `group` label of all rows is ignored, such as the only training session if another session is held out. Rows that
@@ -85,7 +85,7 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def poses_of_tips(dataset: Dataset) -> IntArray:
-    """Return the number of the pose of each row of a mechanism with several arms, whose tips have separate rows."""
+    """Return the pose index of each row of a table; the tips of several arms have separate rows in one pose."""
     same = _same_joints(dataset.q)
     alike = numbered(np.column_stack([same, dataset.codes("tip")[1]]))
     order = np.argsort(alike, kind="stable")

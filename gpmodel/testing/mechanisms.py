@@ -65,9 +65,9 @@ def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses
 
     down: direction of gravity in the root frame.
     Slots are base, both sides of each joint, and tool. Transforms are rigid and independent of other poses. A drive is
-    the derivative of the pose by its joint value. A payload adds its weight times its lever arms to the loads; its
-    torque about a joint is minus the slope of its potential energy. With closed loops, the motion of the tool by a
-    further error twist is checked too, with errors at every frame.
+    the derivative of the pose with respect to its joint value. A payload adds its weight times its lever arms to the
+    loads; its torque about a joint is minus the slope of its potential energy. With closed loops, the motion of the
+    tool by a further error twist is checked too, with errors at every frame.
     """
     q = random_poses(mechanism, poses, np.random.default_rng(seed))
     _check_slots(mechanism)

@@ -180,7 +180,7 @@ class Loads:
         return _sum(parts)
 
     def _drive(self, joint: str) -> list[tuple[float, int, int]]:
-        """Return weight, frame (slot) and axis of every motion that a joint drives, by number of the joint."""
+        """Return weight, index of the frame (slot) and index of the axis of every motion that a joint drives."""
         drive = next((j.drive for j in self.mechanism.joints if j.name == joint), ())
         return [(float(w), self.chain.slots.index(slot), AXES.index(axis)) for slot, axis, w in drive]
 

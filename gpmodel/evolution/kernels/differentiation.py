@@ -12,8 +12,8 @@ from gpmodel.formula.operators import INPUT
 
 @compiled
 def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
-    """Return the value of an operator and its derivatives by its first and second argument. code: op-code of
-    ``formula.operators``."""
+    """Return the value of an operator and its derivatives with respect to its first and second argument. code: op-code
+    of ``formula.operators``."""
     if code == 3:
         return a + b, 1.0, 1.0
     if code == 4:

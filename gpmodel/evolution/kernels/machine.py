@@ -19,7 +19,7 @@ LAST_BINARY = 9
 """Largest op-code that takes two arguments or an operand."""
 
 ROW = 0xFFFF
-"""Number of bits of an instruction word that hold a row number."""
+"""Mask of the bits of an instruction word that hold a row index."""
 
 
 @inlined
@@ -109,9 +109,9 @@ def decode_sequence(
 ) -> int:
     """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
-    The cell of an instruction's operand is a register, or a cell with the number of a row. The last ``constants`` rows
-    are the program's constants; those in use become the first words. cells: scratch space, with the row numbers after
-    the registers and one further cell.
+    The cell of an instruction's operand is a register, or a cell with the index of a row of values. The last
+    ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space, with the
+    row numbers after the registers and one further cell.
     """
     count, start, base = 0, tables.start, tables.base
     own = len(start) + base

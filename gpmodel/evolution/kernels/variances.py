@@ -28,8 +28,8 @@ def _gain(log_variance: float, s: Array, q: Array) -> float:
 def largest_gains(
     s: Array, q: Array, top: Array, step: float, places: int, refinements: int, gains: Array, where: Array
 ) -> None:
-    """Fill ``gains`` with the largest gain of each group and ``where`` with the variance that has this gain. Log
-    variances up to ``top`` are tried at ``places`` points a ``step`` apart, then refined by a golden section."""
+    """Fill ``gains`` with the largest gain in log evidence, nats, of each group and ``where`` with its prior variance.
+    Log variances up to ``top`` are tried at ``places`` points a ``step`` apart, then refined by a golden section."""
     for g in range(len(s)):
         own_s, own_q = s[g], q[g]
         at, most = 0, _gain(top[g] - step * (places - 1), own_s, own_q)
