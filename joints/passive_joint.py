@@ -30,7 +30,7 @@ class Rotation:
 
     @property
     def index(self) -> int:
-        """Number of the axis: 0 for x, 1 for y, 2 for z."""
+        """Index of the axis: 0 for x, 1 for y, 2 for z."""
         return "xyz".index(self.axis)
 
 

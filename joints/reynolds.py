@@ -247,7 +247,7 @@ class FedFilm:
     conduct: three diagonals (3, n) of the matrix of flow per pressure, with the orifices, m^3/(s Pa).
     gap: flow into each node per displacement of the ball, (n,) m^2/s.
     swept: area that the ball displaces at each node, (n,) m^2.
-    ring: number of the node of the orifices, from 0.
+    ring: index of the node of the orifices, from 0.
     """
 
     volume: Array

@@ -74,7 +74,7 @@ class Shape:
     """The collision geometry of a URDF.
 
     joints: names of the moving joints of the arm; all other joints of the URDF stay at their neutral position.
-    tip: Pinocchio's number of the joint that carries the measured link.
+    tip: Pinocchio's index of the joint that carries the measured link.
     """
 
     model: pin.Model

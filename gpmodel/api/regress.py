@@ -142,7 +142,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
         wanted = named if names is None else names
         missing = [name for name in wanted if name not in named]
         if missing:
-            raise InputError(f"no column '{missing[0]}', there are {choices(missing[0], named)}", "X")
+            raise InputError(f"no column '{missing[0]}'; available: {choices(missing[0], named)}", "X")
         columns = table.set_axis(list(named), axis=1)[list(wanted)]
         for name, kind in zip(wanted, columns.dtypes, strict=True):
             if not pd.api.types.is_numeric_dtype(kind) or pd.api.types.is_complex_dtype(kind):

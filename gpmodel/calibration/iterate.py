@@ -116,7 +116,7 @@ REASONS = {
 class Fitting:
     """Data of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
 
-    block: number of every pose, equal for repeats.
+    block: index of the pose of every row, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
     """
 

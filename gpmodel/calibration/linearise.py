@@ -99,7 +99,7 @@ class Linearised:
     """Linearised least-squares problem: columns · step ≈ residual, in metres; one row per measured component.
 
     The first `placement` columns are registration, tool and ends of distances; the others are the model's effects.
-    pose_of_row: pose number of each row. placement_names: names of the first `placement` columns.
+    pose_of_row: pose index of each row. placement_names: names of the first `placement` columns.
     observed: predicted measurements of all poses.
     poses: table of the poses, with solved values of unmeasured joints.
     sizes: norms of the weighted columns before elimination of unmeasured joints.
@@ -202,7 +202,7 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Yield every term of the effects: number of effect, frame and axis, and weight times basis function at each pose.
+    """Yield every term of the effects: indices of effect, frame and axis, and weight times basis function at each pose.
 
     The terms of an effect precede the rigid motions that registrations and tools absorb of it, with a negative sign.
     """

@@ -204,7 +204,7 @@ class UndeclaredCovariance:
 
 
 Wave = tuple[str, int, float]
-"""Function (sin or cos), number of the joint, and rate, rad per unit of the joint."""
+"""Function (sin or cos), index of the joint, and rate, rad per unit of the joint."""
 
 
 @dataclass(frozen=True)

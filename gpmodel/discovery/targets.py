@@ -123,7 +123,8 @@ def in_proportion(first: Array, second: Array) -> bool:
 
 
 def kind_of(name: str, states: States) -> str:
-    """Return the physical quantity of a column. A column with memory of an angle is a travel without a period."""
+    """Return the physical quantity of a column. A column of earlier values of an angle is a travel, without a
+    period."""
     unit = states.units[name]
     if name == "row":
         return "row"

@@ -109,7 +109,7 @@ def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
 
 
 def regions(points: Array, count: int) -> IntArray:
-    """Return the region number of each point; the largest region is repeatedly halved at its median."""
+    """Return the region index of each point; the largest region is repeatedly halved at its median."""
     region = np.zeros(len(points), dtype=np.int64)
     for new in range(1, count):
         own = np.flatnonzero(region == np.argmax(np.bincount(region)))

@@ -99,7 +99,7 @@ class Typing:
 
     @cached_property
     def of_inputs(self) -> NDArray[np.uint8]:
-        """Number of the kind of quantity of each input; empty if the inputs have no kinds."""
+        """Index of the kind of quantity of each input; empty if the inputs have no kinds."""
         return np.array([self.kinds.index(kind) for kind in self.inputs], dtype=np.uint8)
 
     @cached_property
@@ -119,7 +119,7 @@ class Typing:
     def repairs(self, operators: Sequence[Operator]) -> NDArray[np.uint16]:
         """Return the operator that replaces each operator, for every pair of kinds of quantities of its arguments.
 
-        An entry is 256 * op-code + number of the result's kind. An allowed operator is replaced by itself. An operator
+        An entry is 256 * op-code + index of the result's kind. An allowed operator is replaced by itself. An operator
         that is not allowed is replaced by the next allowed operator with as many arguments; 0 if there is none. Table:
         (op-codes, kind of the first argument, kind of the second argument or 0), empty without kinds.
         """

@@ -35,12 +35,14 @@ class Inputs:
         values = np.ascontiguousarray(self.values, dtype=float)
         object.__setattr__(self, "values", values)
         if values.ndim != 2 or len(values) != len(self.names) or not len(values):
-            raise InputError(f"inputs: {len(self.names)} names for values of shape {values.shape}")
+            raise InputError(
+                f"inputs: values of shape {values.shape}, expected ({len(self.names)}, poses), one row per name"
+            )
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
             raise InputError(f"inputs: {repeated[0]!r} appears twice")
         if self.kinds and len(self.kinds) != len(self.names):
-            raise InputError(f"inputs: {len(self.kinds)} kinds for {len(self.names)} names")
+            raise InputError(f"inputs: {len(self.kinds)} kinds for {len(self.names)} names, expected one kind per name")
         for name, column in zip(self.names, values, strict=True):
             if not np.all(np.isfinite(column)):
                 rows = np.flatnonzero(~np.isfinite(column))
@@ -85,7 +87,7 @@ class CartesianProblem:
             raise InputError(f"norm: {self.norm!r}, expected 'max' or 'rms'")
         missing = [name for name in COORDINATES if name not in self.inputs.names]
         if missing:
-            raise InputError(f"inputs: no {missing[0]!r}, a compensator starts from x, y and z")
+            raise InputError(f"inputs: {missing[0]!r} is missing, expected x, y and z, the inputs of a compensator")
         if self.measured.shape != (3, self.inputs.values.shape[1]) or not np.all(np.isfinite(self.measured)):
             raise InputError("measured: expected finite points, one column (x, y, z) a pose")
 
@@ -144,7 +146,9 @@ class SlotProblem:
 
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:
-            raise InputError(f"targets: {self.targets.poses} poses, inputs have {self.inputs.values.shape[1]}")
+            raise InputError(
+                f"targets: {self.targets.poses} poses, expected {self.inputs.values.shape[1]} as in the inputs"
+            )
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
         """Restrict the search problem to one site and to the inputs of given names."""

@@ -52,7 +52,8 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
 
 
 def distinct_rows(rows: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return the different rows of a table, and for each row of the table the number of its copy among them."""
+    """Return the different rows of a table, and for each row of the table the index of its copy among the different
+    rows."""
     whole = rows.view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))[:, 0]
     _, first, number = np.unique(whole, return_index=True, return_inverse=True)
     return rows[first], number

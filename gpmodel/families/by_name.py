@@ -23,7 +23,7 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     """
     if "=" in name and name.count(":") != 2:
         raise InputError(
-            f"effect '{name}': '=VALUE' is for simulate only; here the value is fitted, expected the name alone"
+            f"effect '{name}': '=VALUE' is for simulate only; expected the name alone, since the value is fitted"
         )
     if name.count(":") == 2:
         effects = tuple(in_mechanism_names(effect, mechanism, states) for effect in _written_out(name))

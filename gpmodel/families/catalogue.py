@@ -235,7 +235,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     wanted = [c for c in pool if all(joints.get(w, w) in _words(c.name) for w in words)]
     if not found and words and len({c.effects[0].slots for c in wanted}) > 1 and not any(map(joints.get, words)):
         few = choices(name, (c.name for c in wanted))
-        raise InputError(f"effect '{name}' names no joint and fits {len(wanted)} instances; expected one: {few}")
+        raise InputError(f"effect '{name}' names no joint and fits {len(wanted)} effects; expected one: {few}")
     if found or wanted:
         return found or wanted[0].effects
     pool = candidates(mechanism, states)
@@ -244,7 +244,9 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     if first not in names():
         raise InputError(f"effect '{name}' is unknown; available: {choices(first, names())}")
     instances = choices(name, (c.name for c in pool if c.family == first)) or "none on this mechanism and table"
-    raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
+    raise InputError(
+        f"effect '{name}' does not exist for {mechanism.name} and the table; effects of {first}: {instances}"
+    )
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:

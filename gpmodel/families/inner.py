@@ -167,8 +167,8 @@ NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
 
 
 def lag_constants(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
-    """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, and the
-    template. Without columns with memory (columns that depend on earlier poses) the result is None.
+    """Return the constants in the names of columns of earlier poses, such as the 40 in `lag_temperature_40`, and the
+    template. Without a column that depends on earlier poses the result is None.
 
     name: name of the candidate effect.
     unit: function from the kind of memory (lag, play, stop) and the source column to the unit of the constant.

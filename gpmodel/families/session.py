@@ -1,7 +1,8 @@
 """Families of effects during a measurement session: temperature, time, sudden shifts, and effects with memory.
 
-Effects with memory depend on earlier poses: play, friction, hysteresis and a lag behind the temperature. Effects with
-memory need rows in the order of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
+Effects with memory depend on earlier poses: play, friction, hysteresis and a lag behind the temperature. Effects that
+depend on earlier poses need rows in the order of measurement. Typical play is 0.25 to 1 arc minute from side to side
+(Gong 2000).
 """
 
 import math
@@ -72,7 +73,7 @@ def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Te
 
 
 MOST_STEPS = 200
-"""Largest number of evenly spaced rows at which a sudden shift (step) is a candidate."""
+"""Number of evenly spaced rows of a long table at which a sudden shift (step) is a candidate; at most twice as many."""
 
 EVENTS = 12
 """Number of trial moments at which settling may begin. Time constants from a twentieth of a session need no more."""

@@ -188,7 +188,7 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
 
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:
-    """Return the distinct labels of a column except the empty label, and the number of each row's label, or -1."""
+    """Return the distinct non-empty labels of a column, and the index of each row's label, -1 for an empty label."""
     names, codes = dataset.codes(column)
     kept = {name: i for i, name in enumerate(name for name in names if name)}
     return list(kept), np.array([kept.get(name, -1) for name in names], dtype=np.int64)[codes]

@@ -170,8 +170,9 @@ class States:
     mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (torque of the payload alone, if it varies),
     the extra columns of the table in their units, and row (from 1).
 
-    Computed on demand and not listed: columns with memory (`past`), torques of each link (`weights`), the point in the
-    frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a constant payload (`carried`).
+    Columns that are computed on demand and not listed: columns with memory of earlier poses (`past`), torques of each
+    link (`weights`), the point in the frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a
+    constant payload (`carried`).
 
     past: columns of the whole table, if its rows are in the order of measurement.
     rows: row numbers in the whole table, so that a subset remembers poses outside the subset.
@@ -218,7 +219,9 @@ class States:
                 "are taken), or a column of times that never decreases",
                 "in_order",
             )
-        raise InputError(f"input '{name}' is not known here; available: {choices(name, self.columns)}")
+        raise InputError(
+            f"input '{name}' is neither in the table nor computed; available: {choices(name, self.columns)}"
+        )
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -296,8 +299,8 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
     """Return all columns that a basis function may use for the poses of `dataset`.
 
-    same: columns of equal poses with approximate joint values, whose columns with memory are reused. Raises InputError
-    for a column of the table with the name of a computed column.
+    same: columns of equal poses with approximate joint values, whose columns with memory (of earlier poses) are reused.
+    Raises InputError for a column of the table with the name of a computed column.
     """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
@@ -356,7 +359,7 @@ def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array])
 def _remembering(
     columns: dict[str, Array], units: dict[str, str], mechanism: Mechanism, dataset: Dataset, same: States | None
 ) -> States:
-    """Add columns with memory (`memory.standing`) to the columns of a table whose rows are in order."""
+    """Add columns that depend on earlier poses (`memory.standing`) to a table whose rows are in order."""
     if same:
         past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:

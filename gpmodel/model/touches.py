@@ -189,7 +189,7 @@ class Touches(OfTip):
             return _fitted(body, self.feature[mine], points[mine])
         only = body.features[0]
         if (count := int(mine.sum())) < only.shape.needs:
-            raise InputError(f"{body.name}: {count} touches; its place needs at least {only.shape.needs}")
+            raise InputError(f"{body.name}: {count} touches; the pose of the surface needs at least {only.shape.needs}")
         try:
             frame, radius = only.shape.place(points[mine], only.radius)
         except InputError as error:
@@ -214,7 +214,7 @@ class Touches(OfTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Number of each row's touched surface among the surfaces of all bodies; poses of the surfaces in their bodies,
+        """Index of each row's touched surface among the surfaces of all bodies; poses of the surfaces in their bodies,
         and known radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]

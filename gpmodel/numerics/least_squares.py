@@ -155,7 +155,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """Return the part of column number k that is orthogonal to the other columns, zero if k is in their span."""
+        """Return the part of column k that is orthogonal to the other columns, zero if column k is in their span."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))
@@ -163,7 +163,7 @@ class LeaveOneOut:
         return np.asarray(along * self.norms[k] / (along @ along))
 
     def by_others(self, k: int, values: Array) -> Array:
-        """Return coefficients of the least-squares fit of values by all columns but column number k.
+        """Return coefficients of the least-squares fit of values by all columns except column k.
 
         The coefficient of column k is zero.
         """

@@ -229,7 +229,7 @@ class Particulars:
         for name in said:
             if name not in known:
                 raise InputError(
-                    f"'{name}' is no line of a certificate; available: {choices(name, known)}", "particulars"
+                    f"'{name}' is no entry of a certificate; available: {choices(name, known)}", "particulars"
                 )
         return dataclasses.replace(self, **{name: value for name, value in said.items() if value})
 

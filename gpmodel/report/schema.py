@@ -78,7 +78,7 @@ class PredictedRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """Errors of one model of a growing sequence. effect: number in `effects` of the effect that the model adds. rank:
+    """Errors of one model of a growing sequence. effect: index in `effects` of the effect that the model adds. rank:
     effective number of unknowns."""
 
     step: str

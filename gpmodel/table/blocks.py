@@ -305,6 +305,6 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Divide row numbers into `count` nearly equal stretches; return the number of each row's stretch."""
+    """Divide row numbers into `count` nearly equal stretches; return the index of each row's stretch."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

@@ -191,7 +191,7 @@ class Dataset:
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
-        """Return the distinct texts of a label column in order of appearance, and the number of each row's text."""
+        """Return the distinct texts of a label column in order of appearance, and the index of each row's text."""
         if column not in self.labels:
             return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)

@@ -277,7 +277,9 @@ def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
         header = sheet.names[column]
         bare, own, sure = name_and_unit(header)
         if sure and unit is not None and own not in (None, spelled_unit(unit)) and bare == name != header:
-            raise InputError(f"{where}: '{header}' is in [{own}]; expected that, or '{header} [{unit}]' against it")
+            raise InputError(
+                f"{where}: '{header}' is in [{own}]; expected [{own}], or '{header} [{unit}]' for a wrong header"
+            )
         return _numbers(sheet, column, unit), unit
     if (column := find(sheet, text.strip())) is not None:
         unit = unit or name_and_unit(text)[1]

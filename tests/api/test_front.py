@@ -300,7 +300,7 @@ def test_the_front_goes_from_short_to_close_and_marks_the_law_of_least_descripti
         ({"X": FRAME[:3], "y": LAW[:3]}, "X: 3 rows, expected 5 or more"),
         ({"X": [["a"]]}, "X: [['a']], expected numbers"),
         ({"seconds": -1}, "seconds: -1"),
-        ({"names": ["load", "speed"]}, "X: no column 'speed', there are load, oil temp, idle"),
+        ({"names": ["load", "speed"]}, "X: no column 'speed'; available: load, oil temp, idle"),
         ({"X": FRAME.to_numpy() + 0j}, "X: complex numbers, expected real numbers"),
         ({"X": FRAME.assign(idle=1j)}, "X: column 'idle' holds no numbers, expected real numbers"),
         ({"y": LAW + 1j}, "y: complex numbers, expected real numbers"),

@@ -195,7 +195,7 @@ def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:
 
 OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
-    "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "has no instance")),
+    "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "does not exist for")),
     "effect of too many instances": (
         ("--effect", "transmission_ripple"),
         ("transmission_ripple", "expected one, for example"),
@@ -204,7 +204,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
     "effect of an unknown input": (
         ("--effect", "J1.moving:Rz:sin(temperature)"),
-        ("'temperature' is not known", "torque_J6"),
+        ("'temperature' is neither in the table", "torque_J6"),
     ),
     "effect that is no expression": (("--effect", "J1.moving:Rz:sin("), ("was never closed",)),
     "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("cannot read", "the functions ")),

@@ -55,7 +55,7 @@ def test_a_family_is_all_its_instances() -> None:
     [
         ("gremlins", "'gremlins' is unknown"),
         ("transmission_ripple", "expected one, for example"),
-        ("thermal_growth", "no instance"),
+        ("thermal_growth", "does not exist for"),
         ("gear_harmonic 2", "names no joint and fits"),
         ("J9.fixed:Tx:1", "slot 'J9.fixed'"),
         ("J1.fixed:T:1", "axis 'T'"),

@@ -191,7 +191,7 @@ def test_an_unknown_name_lists_the_nearest_families(asked: str, offered: str) ->
 
 def test_a_family_without_that_instance_lists_its_instances() -> None:
     arm = mechanism("irb6400r")
-    with pytest.raises(InputError, match=r"has no instance here; of gear_harmonic there are: gear error.*J1"):
+    with pytest.raises(InputError, match=r"does not exist for irb6400r .*; effects of gear_harmonic: gear error.*J1"):
         catalogue.build("gear_harmonic J9", arm, prepare(arm, bare("irb6400r", 30)).states)
 
 

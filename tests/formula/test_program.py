@@ -310,7 +310,7 @@ def test_inputs_are_the_columns_read_each_once() -> None:
 
 def test_a_name_is_matched_whole() -> None:
     assert Expression("J10").inputs == ("J10",)
-    with pytest.raises(InputError, match="'J10' is not known here"):
+    with pytest.raises(InputError, match="'J10' is neither in the table nor computed"):
         Expression("J10")(STATES)
 
 

@@ -87,7 +87,7 @@ def test_standing_columns_are_there_only_where_the_rows_are_in_order() -> None:
     assert states.units["last_move_J2"] == "1"
     with pytest.raises(InputError, match=r"'last_move_J2' depends on earlier rows; expected --in-order"):
         plain["last_move_J2"]
-    with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
+    with pytest.raises(InputError, match="'lag_colour_4' is neither in the table nor computed"):
         states["lag_colour_4"]
 
 
@@ -203,12 +203,15 @@ def test_a_derived_column_has_a_unit_as_a_listed_one_has() -> None:
     units |= {"instrument_azimuth": "rad", "torque_J2_of_J2_x": "m/s^2", "torque_J2_of_J4": "Nm"}
     assert {name: states.unit(name) for name in units} == units
     assert not set(states.columns) & {"play_J2_0p01", "lag_temperature_41p7", "instrument_azimuth"}
-    with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
+    with pytest.raises(InputError, match="'lag_colour_4' is neither in the table nor computed"):
         states.unit("lag_colour_4")
 
 
 def test_an_unknown_input_names_what_there_is() -> None:
-    with pytest.raises(InputError, match=r"'J9' is not known here; available: J6, J5, J4 and \d+ others"):
+    with pytest.raises(
+        InputError,
+        match=r"'J9' is neither in the table nor computed; available: J6, J5, J4 and \d+ others",
+    ):
         states_of(mechanism("irb6400r"), bare("irb6400r", 11))["J9"]
 
 

@@ -159,7 +159,9 @@ def test_a_column_is_named_with_its_unit_without_it_or_by_number(tmp_path: Path)
     for text in ("J1 [deg]", "J1 [deg] [deg]", "c1 [deg]", "1 [deg]", "c3 - X [deg]", "J_3__deg_ - c2 [deg]"):
         sheet = read_sheets(tmp_path / "t.csv")[0]
         assert import_file(sheet, ColumnMap({"J1": text})).iloc[0, 0] == "1.0", text
-    with pytest.raises(InputError, match=r"'J1 \[deg\]' is in \[deg\]; expected that, or 'J1 \[deg\] \[rad\]'"):
+    with pytest.raises(
+        InputError, match=r"'J1 \[deg\]' is in \[deg\]; expected \[deg\], or 'J1 \[deg\] \[rad\]' for a wrong header"
+    ):
         import_file(sheet, ColumnMap({"J1": "J1 [rad]"}))
 
 
@@ -179,7 +181,7 @@ def test_a_file_without_a_header_goes_by_numbers(tmp_path: Path) -> None:
         ("no = No", "t.csv has no column 'no'; it has N"),
         ("N = x", "no common value of 'N = x'"),
         ("rows 1-2 = 1-3", "'1-2 = 1-3'; expected equal numbers of rows"),
-        ("rows 1-9 = 1-9", "t.csv has 3 rows, u.csv 2"),
+        ("rows 1-9 = 1-9", "expected rows of both files: t.csv has 3 rows, u.csv 2"),
         ("rows all", "'all'; expected equal numbers of rows"),
         ("time N = M", "no times; expected clock times or numbers"),
     ],

@@ -83,7 +83,8 @@ def explained(row: Array, site: SiteStatistics, smallest: float) -> tuple[float,
 @compiled
 def _normal_equations(columns: Array, coefficient: float, site: SiteStatistics, idle: float, normal: Array) -> bool:
     """Fill the normal equations of one Gauss-Newton step; return whether the equations are usable. columns: the basis
-    function, then its derivatives by the constants, (columns, poses). The last column of `normal` is the right side."""
+    function, then its derivatives with respect to the constants, (columns, poses). The last column of `normal` is the
+    right side."""
     size = len(columns)
     seen, stays = np.empty((size, len(site.cross))), np.zeros(size, np.bool_)
     for i in range(size):
@@ -134,7 +135,7 @@ def fit_constants(
     limits: tuple[float, float, float],
     steps: int,
 ) -> float:
-    """Fit the free constants of a program in place to the largest gain of its last node; return the gain.
+    """Fit the free constants of a program in place; return the share of the residual's squares its last node removes.
 
     nodes: nodes of the program, as in ``carry_tangents``.
     limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the
