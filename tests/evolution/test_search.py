@@ -185,7 +185,7 @@ def test_inputs_that_are_not_numbers_are_named() -> None:
         Inputs(("a", "b"), values)
     with pytest.raises(InputError, match="unknown 'c', available: a"):
         Inputs(("a",), values[:1]).select(("c",))
-    with pytest.raises(InputError, match="no 'y'"):
+    with pytest.raises(InputError, match="'y' is missing, expected x, y and z"):
         CartesianProblem(Inputs(("x",), values[:1]), np.ones((3, 5)))
 
 
