@@ -78,8 +78,8 @@ def regression_front(
 ) -> tuple[Law, ...]:
     """Return formulas of a response (points,) that fit better than all shorter ones; the mean of the response is first.
 
-    The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(share of
-    variance) + PRICE (nodes + constants), with the share in the residual and in explosions between the rows
+    The search ends after ``seconds``, or once the first exact formula is shortened. Description length: points / 2
+    ln(share of variance) + PRICE (nodes + constants), with the share in the residual and in explosions between the rows
     (``gpmodel.evolution.between``). Each link function gets one generation in turn; a population without progress is
     replaced by a random one. A table of more than ROWS (1 + seconds) rows is searched on random rows. Inputs with a
     constant value are left out. Raises InputError if the response is constant or not finite.
@@ -137,7 +137,7 @@ def _searched(
         least = [min((law.nats for law in some), default=np.inf) for some in every]
         if has_short and not problem.is_over():
             found += judged(islands[int(np.argmin(least))].short())
-        found += judged(_finished(found, problem, between))
+    found += judged(_finished(found, problem, between))
     return found
 
 
