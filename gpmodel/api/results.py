@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import MODEL, Model
@@ -16,9 +15,6 @@ from gpmodel.extras import extra_for
 from gpmodel.files import as_write_error, finished_folder, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
-
-if TYPE_CHECKING:
-    pass
 
 
 def check_writable() -> None:

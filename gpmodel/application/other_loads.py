@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.overall_scale import without_positions
 from gpmodel.evidence.residual import Residual
 from gpmodel.formula.expression import Columns
-from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism
+from gpmodel.mechanism.protocol import ChangeableLoads
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.states import measured_torques
@@ -70,15 +70,15 @@ class _Values:
         return self.values
 
 
-def other_loads(residual: Residual, mechanism: Mechanism) -> OtherLoads | None:
+def other_loads(residual: Residual, mechanism: LoadedMechanism) -> OtherLoads | None:
     """Return the loads that explain a residual best, or None if the declared loads explain it nearly as well.
 
     Gravity and payload are fitted in turn, each given the other.
     residual: residual of a model without effects that follow loads. mechanism: mechanism with the declared loads; the
-    result is None for one that was not loaded by name or from a file, or whose torques are measured.
+    result is None if its torques are measured.
     """
     data, problem = residual.poses.dataset, residual.problem
-    if not isinstance(mechanism, LoadedMechanism) or problem.reduced is not None or without_positions(problem):
+    if problem.reduced is not None or without_positions(problem):
         return None
     loads = mechanism.loads(data.q, data.payload)
     if measured_torques(mechanism, data) or not any(np.any(v) for v in loads.values()):

@@ -330,14 +330,19 @@ def changes(
         named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
         size = chosen.fitted(left.z)
         out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
-        left = left.without(chosen.columns if chosen.kind != SET_UP else np.hstack([chosen.columns, wander(left)]))
+        left = left.without(_explained_columns(chosen, left))
         taken.append(tried[best])
     return tuple(_resized(found, out, taken)), left
 
 
+def _explained_columns(change: PossibleChange, left: Recheck) -> Array:
+    """Return the columns of an identified change; those of a drifting set-up include a general slow drift."""
+    return np.hstack([change.columns, wander(left)]) if change.kind == SET_UP else change.columns
+
+
 def _resized(found: Recheck, named: Sequence[NamedChange], chosen: Sequence[PossibleChange]) -> Iterator[NamedChange]:
     """Yield identified changes with the sizes of one common fit of all changes of the machine."""
-    spans = [c.columns if c.kind != SET_UP else np.hstack([c.columns, wander(found)]) for c in chosen]
+    spans = [_explained_columns(c, found) for c in chosen]
     for change, own in zip(named, chosen, strict=True):
         others = [span for span, c in zip(spans, chosen, strict=True) if c is not own]
         rest = found.without(np.hstack(others)) if others else found

@@ -13,10 +13,10 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.state import Discovery, FinalFit
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
-from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.load import mass_at_tool, moments_at_tool
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import choice_of
+from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.blocks import FOLD_SEED
@@ -38,11 +38,14 @@ def under_true_loads(
     loop: search with its settings, a function of mechanism, poses, training rows and held-out rows.
     """
     found = loop(mechanism, poses, train, heldout)
-    other = _other_loads(found, criteria)
+    if not isinstance(mechanism, LoadedMechanism):
+        return found
+    left = _last_residual(found, criteria)
+    other = _other_loads(found, left, mechanism)
     if other is None:
         return found
     again = loop(other.mechanism, prepare(other.mechanism, found.poses.dataset), found.train, found.heldout, kept=None)
-    if _worth(again, criteria) - other.constants <= _worth(found, criteria):
+    if _worth(again, _last_residual(again, criteria)) - other.constants <= _worth(found, left):
         return found
     again = replace(again, loads=other.in_words, seconds=found.seconds + again.seconds)
     return _beside_payload(again) if "payload" in other.said else again
@@ -51,6 +54,8 @@ def under_true_loads(
 def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> tuple[Mechanism, Poses, str]:
     """Return a machine and its poses with the loads that explain the residual of the standard model, and these loads
     in words; unchanged, with an empty text, if the declared loads explain it."""
+    if not isinstance(mechanism, LoadedMechanism):
+        return mechanism, poses, ""
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses, seed=seed)
     other = other_loads(residual_of(fit, poses, Criteria(), seed), mechanism)
     if other is None:
@@ -58,20 +63,31 @@ def machine_under_true_loads(mechanism: Mechanism, poses: Poses, seed: int) -> t
     return other.mechanism, prepare(other.mechanism, poses.dataset), other.in_words
 
 
-def _other_loads(found: Discovery, criteria: Criteria) -> OtherLoads | None:
+def _last_residual(found: Discovery, criteria: Criteria) -> Residual:
+    """Return the residual of the model with all findings at the training poses."""
+    return residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, FOLD_SEED)
+
+
+def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism) -> OtherLoads | None:
+    """Return the loads of the largest gain for the standard model or for the findings that do not follow loads.
+
+    left: residual of the model with all findings.
+    """
     poses, loads = found.poses.subset(found.train), found.poses.states.loads
     following = [e for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)]
-    standard, full = (
-        residual_of(step.calibration, poses, criteria, FOLD_SEED) for step in (found.steps[1], found.steps[-1])
-    )
-    each = (other_loads(residual, found.mechanism) for residual in (standard, full.without(following)))
+    residuals = [left.without(following) if following else left]
+    if found.findings:
+        residuals.insert(0, residual_of(found.steps[1].calibration, poses, left.criteria, FOLD_SEED))
+    each = (other_loads(residual, mechanism) for residual in residuals)
     return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
 
 
-def _worth(found: Discovery, criteria: Criteria) -> float:
-    """Return the log likelihood of cross-validated predictions, less the penalties of the findings, nats."""
-    residual = residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, FOLD_SEED)
-    price = sum(f.candidate.cost + criteria.minimum_nats for f in found.findings)
+def _worth(found: Discovery, residual: Residual) -> float:
+    """Return the log likelihood of cross-validated predictions, less the penalties of the findings, nats.
+
+    residual: residual of the model with all findings.
+    """
+    price = sum(f.candidate.cost + residual.criteria.minimum_nats for f in found.findings)
     return -residual.measured * math.log(cross_validated(residual, ()).rms) - price
 
 
