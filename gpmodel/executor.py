@@ -5,6 +5,7 @@ order of the tasks, or on how often the task was restarted.
 """
 
 import copyreg
+import gc
 import multiprocessing
 import os
 import pickle
@@ -239,6 +240,7 @@ def _as_copy(ends: tuple[Connection, Connection], function: Callable[..., object
     """Initialise a forked copy, which exits when its parent process ends or closes its end of the pipe."""
     reader, writer = ends
     writer.close()
+    gc.freeze()
     _inherited.append((function, tasks))
 
     def watch() -> None:

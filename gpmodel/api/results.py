@@ -49,14 +49,20 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
     from gpmodel.api.exports import ExportsResult
     from gpmodel.application.exports.make import merged, parts_of
     from gpmodel.application.exports.sample import Place
-    from gpmodel.report.figures import draw_during
     from gpmodel.report.page import pictures
     from gpmodel.report.write import write_pages
+
+    def content() -> Report:
+        from gpmodel.report import figures  # noqa: F401  # loads matplotlib while the exports are computed
+
+        return look()
 
     path = file_path(folder, "folder")
     with finished_folder(path) as draft, _kept(model, path):
         with as_write_error(path):
-            record, made = called_beside(workers, look, parts_of(model.saved, Place.of(model.saved)))
+            record, made = called_beside(workers, content, parts_of(model.saved, Place.of(model.saved)))
+        from gpmodel.report.figures import draw_during
+
         exports = ExportsResult(model.mechanism.name, merged(made))
         drawings, _ = draw_during(pictures(record), draft, partial(save_model, model, draft), workers)
         write_pages(replace(record, exports=exports.records), drawings, draft)

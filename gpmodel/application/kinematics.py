@@ -77,12 +77,15 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
     return np.stack(columns, axis=2)
 
 
-def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
+def solve(
+    saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool, most: int = ITERATIONS
+) -> tuple[Array, Array]:
     """Return joint values near the values in `dataset` that reach the targets, and the remaining error, m.
 
     The solver is Levenberg-Marquardt for each pose separately. Source: Moré (1978). Rows of different tips (of several
     arms) with equal initial joint values are one pose, which reaches all their targets. whole: True for position and
     orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if kinematic loops cannot close.
+    most: largest number of Newton steps.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
     pose = poses_of_tips(dataset)
@@ -101,7 +104,7 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
             miss[here, k], slopes[here, k] = errors, jacobian * weight[:, None]
         return miss.reshape(len(poses), -1), slopes.reshape(len(poses), -1, q.shape[1])
 
-    q, left = _levenberg(look, np.array(dataset.q[order[first]]))
+    q, left = _levenberg(look, np.array(dataset.q[order[first]]), most)
     return q[pose], left[pose]
 
 
@@ -118,10 +121,10 @@ def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nomina
     return miss, jacobian
 
 
-def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array) -> tuple[Array, Array]:
+def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array, most: int) -> tuple[Array, Array]:
     miss, jacobian = look(q, np.arange(len(q)))
     damping = np.full(len(q), DAMPING)
-    for _ in range(ITERATIONS):
+    for _ in range(most):
         left = np.linalg.norm(miss, axis=1)
         active = np.flatnonzero((left > REACHED / 100) & (damping < 1e3) & np.isfinite(left))
         if len(active) == 0:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg, special
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
@@ -284,4 +284,4 @@ def _factor(
     weighed = (column - u @ (known * (u.T @ column))) / sigma**2
     stderr = float(1.0 / np.sqrt(column @ weighed))
     off = float(weighed @ readings) * stderr**2
-    return Factor(name, 1.0 + off, stderr, float(2 * stats.t.sf(abs(off) / stderr, known.sum())), before / sigma)
+    return Factor(name, 1.0 + off, stderr, float(2 * special.stdtr(known.sum(), -abs(off) / stderr)), before / sigma)

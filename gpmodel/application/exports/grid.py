@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from gpmodel.application.compensate import GIVEN, MAX_MOVE, TargetPoses, corrected
 from gpmodel.application.exports.sample import Place, measured_table
-from gpmodel.application.kinematics import REACHED, error_and_jacobian, solve, tips
+from gpmodel.application.kinematics import ITERATIONS, REACHED, error_and_jacobian, solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import at_end, usable
 from gpmodel.arrays import Array, IntArray
@@ -165,12 +165,14 @@ class _Held:
     def nominal(self, points: Array) -> Array:
         """Return nominal joint values at points, m, NaN if unreachable.
 
-        Points are approached on straight lines from the measured pose, so that the arm configuration is kept.
+        Points are approached on straight lines from the measured pose, so that the arm configuration is kept. One
+        Newton step follows the line to each of its intermediate points.
         """
         q = np.array(self.targets(points).dataset.q)
-        for part in np.arange(1, STEPS + 1) / STEPS:
-            targets = self.targets(self.frame[:3, 3] + part * (points - self.frame[:3, 3]), q)
-            q, left = solve(self.saved, targets.dataset, targets.frames, targets.whole, nominal=True)
+        for part in range(1, STEPS + 1):
+            targets = self.targets(self.frame[:3, 3] + part / STEPS * (points - self.frame[:3, 3]), q)
+            most = ITERATIONS if part == STEPS else 1
+            q, left = solve(self.saved, targets.dataset, targets.frames, targets.whole, nominal=True, most=most)
         q[left > REACHED] = np.nan
         return q
 
