@@ -61,9 +61,12 @@ def without_positions(problem: Linearised) -> bool:
 
 
 def without_frame(kinds: Sequence[Observation]) -> bool:
-    """Return whether there are measurements, but no measured position in the frame of an instrument."""
+    """Return whether there are measurements, but no measured position in the frame of an instrument.
+
+    A gauge that measures one or two coordinates of all points measures no position.
+    """
     read = [kind for kind in kinds if kind.readings.any()]
-    return bool(read) and not any(isinstance(kind, Point) for kind in read)
+    return bool(read) and not any(isinstance(kind, Point) and kind.readings.any(axis=0).all() for kind in read)
 
 
 def scale_similarity(model: ErrorModel, problem: Linearised) -> Array:

@@ -274,7 +274,7 @@ def placement_numbers(placement: Placement, problem: Linearised, covariance: Arr
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[PlacementNumber]:
-    """Return position and rotation of one frame as numbers, without components on which no measurement depends.
+    """Return position and rotation of one frame as numbers, without components that no measurement determines.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
     """
@@ -286,7 +286,7 @@ def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance
     moved = change @ covariance[np.ix_(at, at)] @ change.T
     deviation = np.sqrt(np.maximum(np.diag(moved), 0.0))
     words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
-    seen = np.repeat([np.any(problem.sizes[part] > ident.NEGLIGIBLE) for part in (at[:3], at[3:])], 3)
+    seen = ~np.any(change[:, problem.sizes[at] <= ident.NEGLIGIBLE], axis=1)
     return [
         PlacementNumber(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad")
         for k, word in enumerate(words)

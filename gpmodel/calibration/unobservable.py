@@ -156,7 +156,8 @@ def unobservable_sentences(kinds: tuple[Observation, ...]) -> Iterator[str]:
     read = [kind for kind in kinds if kind.readings.any()]
     if not without_frame(read):
         return
-    what = f"the measurements ({', '.join(kind.name for kind in read)})"
+    axes = ["xyz"[k] for kind in read if isinstance(kind, Point) for k in np.flatnonzero(kind.readings.any(axis=0))]
+    what = f"the measurements ({', '.join(axes + [kind.name for kind in read if not isinstance(kind, Point)])})"
     if all(kind.unit == "rad" for kind in read):
         yield f"{what} are angles: in all errors, 1 mm stands for 1 mrad"
     if not any(map(shows_size, read)):
@@ -166,8 +167,11 @@ def unobservable_sentences(kinds: tuple[Observation, ...]) -> Iterator[str]:
         )
     if all(isinstance(kind, Pixels | Inclination | Orientation) for kind in read):
         yield f"{what} do not determine the tool point, which stays at the flange; touches of one point would do so"
-    turned = any(kind.absolute for kind in read)
-    pose, frame = ("position", "have an arbitrary origin") if turned else ("pose", "are in the frame of the root")
+    pose, frame = "pose", "are in the frame of the root"
+    if len(axes) == 1 and not any(isinstance(kind, Orientation) for kind in read):
+        frame = "have an arbitrary origin and rotation about this axis"
+    elif any(kind.absolute for kind in read):
+        pose, frame = "position", "have an arbitrary origin"
     yield (
         f"{what} do not determine the {pose} of the base: predictions {frame}; three "
         f"or more points of a tracker would determine the {pose}"
