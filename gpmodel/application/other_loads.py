@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.overall_scale import without_positions
 from gpmodel.evidence.residual import Residual
 from gpmodel.formula.expression import Columns
-from gpmodel.mechanism.protocol import ChangeableLoads
+from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.states import measured_torques
@@ -59,9 +59,9 @@ class OtherLoads:
         return " and ".join(self.said.values())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Values:
-    """Basis function with given values, one per pose."""
+    """Basis function with given values, one per pose. Two instances are never equal."""
 
     values: Array
     inputs: tuple[str, ...] = ()
@@ -93,13 +93,21 @@ def other_loads(residual: Residual, mechanism: LoadedMechanism) -> OtherLoads | 
     return None if here is declared else here
 
 
+def compliances(mechanism: Mechanism, loads: Loads, poses: int) -> tuple[Effect, ...]:
+    """Return the compliances of all joints and of the base under given loads, one value per pose."""
+    nothing = np.zeros(poses)
+    effects = (
+        drive_effect(j.name, j, _Values(loads.get(f"torque_{j.name}", nothing)), "rad/Nm") for j in mechanism.joints
+    )
+    tilt = tuple(Term("base", f"R{a}", _Values(loads.get(f"moment_base_{a}", nothing))) for a in "xy")
+    return (*effects, Effect("base", tilt, "rad/Nm"))
+
+
 def _columns(residual: Residual, loads: Loads) -> Array:
     """Return the columns of the compliances of all joints and of the base under some loads, without the model."""
-    nothing, joints = np.zeros(len(residual.poses)), residual.calibration.model.mechanism.joints
-    effects = [drive_effect(j.name, j, _Values(loads.get(f"torque_{j.name}", nothing)), "rad/Nm") for j in joints]
-    tilt = tuple(Term("base", f"R{a}", _Values(loads.get(f"moment_base_{a}", nothing))) for a in "xy")
-    out = np.zeros((len(residual.values), len(effects) + 1))
-    out[: residual.measured] = residual.columns([*effects, Effect("base", tilt, "rad/Nm")])
+    effects = compliances(residual.calibration.model.mechanism, loads, len(residual.poses))
+    out = np.zeros((len(residual.values), len(effects)))
+    out[: residual.measured] = residual.columns(effects)
     return residual.span.remove(out)
 
 
@@ -165,7 +173,7 @@ def _fitted(residual: Residual, here: OtherLoads, data: Dataset, change: _Change
     def loaded(x: Array) -> Array:
         return np.asarray(first + sum(a * u for a, u in zip(size * x, further, strict=True)))
 
-    def compliances(x: Array) -> tuple[Array, Array]:
+    def fitted(x: Array) -> tuple[Array, Array]:
         at = loaded(x)
         scale = np.maximum(np.linalg.norm(at, axis=0), ident.NEGLIGIBLE)
         found = np.linalg.lstsq(at / scale, target, rcond=SHORTEST)[0]
@@ -173,15 +181,15 @@ def _fitted(residual: Residual, here: OtherLoads, data: Dataset, change: _Change
 
     nothing = np.zeros(len(size))
     starts = [nothing, *(share * axis for axis in np.eye(len(size)) for share in FIRST)]
-    ends = [least_squares(lambda x: compliances(x)[1], start, max_nfev=20) for start in starts]
+    ends = [least_squares(lambda x: fitted(x)[1], start, max_nfev=20) for start in starts]
     best = min(ends, key=lambda end: float(end.cost))
-    before, count = float(np.sum(compliances(nothing)[1] ** 2)), residual.freedom
+    before, count = float(np.sum(fitted(nothing)[1] ** 2)), residual.freedom
     new = 0 if change.kind in here.said else len(size)
     gain = 0.5 * count * float(np.log(before / (2.0 * best.cost))) - 0.5 * new * float(np.log(count))
     if gain < (LEAST_NATS if new else AGAIN):
         return None
     stderr = size * np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2.0 * best.cost / count)
-    made = change.made(size * best.x, stderr, bool(compliances(best.x)[0].sum() < 0.0))
+    made = change.made(size * best.x, stderr, bool(fitted(best.x)[0].sum() < 0.0))
     if made is None:
         return None
     mechanism, said = made

@@ -1,22 +1,24 @@
 """Search for effects under fitted loads, if the declared payload or gravity direction does not fit the residual."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from gpmodel.application.other_loads import OtherLoads, other_loads
+from gpmodel.application.other_loads import OtherLoads, compliances, other_loads
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.state import Discovery, FinalFit
+from gpmodel.discovery.state import Discovery, FinalFit, Finding
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.load import mass_at_tool, moments_at_tool
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.blocks import FOLD_SEED
@@ -41,11 +43,12 @@ def under_true_loads(
     if not isinstance(mechanism, LoadedMechanism):
         return found
     left = _last_residual(found, criteria)
-    other = _other_loads(found, left, mechanism)
+    worth = _worth(left, (), found.findings)
+    other = _other_loads(found, left, mechanism, worth)
     if other is None:
         return found
     again = loop(other.mechanism, prepare(other.mechanism, found.poses.dataset), found.train, found.heldout, kept=None)
-    if _worth(again, _last_residual(again, criteria)) - other.constants <= _worth(found, left):
+    if _worth(_last_residual(again, criteria), (), again.findings) - other.constants <= worth:
         return found
     again = replace(again, loads=other.in_words, seconds=found.seconds + again.seconds)
     return _beside_payload(again) if "payload" in other.said else again
@@ -68,27 +71,41 @@ def _last_residual(found: Discovery, criteria: Criteria) -> Residual:
     return residual_of(found.steps[-1].calibration, found.poses.subset(found.train), criteria, FOLD_SEED)
 
 
-def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism) -> OtherLoads | None:
-    """Return the loads of the largest gain for the standard model or for the findings that do not follow loads.
+def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, worth: float) -> OtherLoads | None:
+    """Return the loads that predict best beside the findings that do not follow loads, or None.
 
-    left: residual of the model with all findings.
+    Loads are fitted to the residual of these findings and of the standard model. Then all compliances are estimated
+    beside the findings, without a penalty. The fitted loads must predict better than the declared loads do so, and
+    better than the model with all findings.
+    left: residual of the model with all findings. worth: log likelihood of its predictions less its penalties, nats.
     """
     poses, loads = found.poses.subset(found.train), found.poses.states.loads
-    following = [e for f in found.findings for e in f.candidate.effects if not loads.isdisjoint(e.inputs)]
-    residuals = [left.without(following) if following else left]
+    following = [f for f in found.findings if any(not loads.isdisjoint(e.inputs) for e in f.candidate.effects)]
+    others = [f for f in found.findings if f not in following]
+    rest = left.without([e for f in following for e in f.candidate.effects]) if following else left
+    residuals = [rest]
     if found.findings:
         residuals.insert(0, residual_of(found.steps[1].calibration, poses, left.criteria, FOLD_SEED))
-    each = (other_loads(residual, mechanism) for residual in residuals)
-    return max((other for other in each if other is not None), key=lambda other: other.gain, default=None)
+
+    def reached(changed: LoadedMechanism, constants: int) -> float:
+        true = changed.loads(poses.dataset.q, poses.dataset.payload)
+        return _worth(rest, compliances(mechanism, true, len(poses)), others) - constants
+
+    suggested = [other for other in (other_loads(residual, mechanism) for residual in residuals) if other is not None]
+    if not suggested:
+        return None
+    worths = [reached(other.mechanism, other.constants) for other in suggested]
+    best = int(np.argmax(worths))
+    return suggested[best] if worths[best] > max(worth, reached(mechanism, 0)) else None
 
 
-def _worth(found: Discovery, residual: Residual) -> float:
-    """Return the log likelihood of cross-validated predictions, less the penalties of the findings, nats.
+def _worth(residual: Residual, effects: Sequence[Effect], findings: Sequence[Finding]) -> float:
+    """Return the log likelihood of cross-validated predictions, less the penalties of findings, nats.
 
-    residual: residual of the model with all findings.
+    residual: residual of a model with the findings, to which `effects` are fitted without a penalty.
     """
-    price = sum(f.candidate.cost + residual.criteria.minimum_nats for f in found.findings)
-    return -residual.measured * math.log(cross_validated(residual, ()).rms) - price
+    price = sum(f.candidate.cost + residual.criteria.minimum_nats for f in findings)
+    return -residual.measured * math.log(cross_validated(residual, effects).rms) - price
 
 
 def _beside_payload(found: Discovery) -> Discovery:

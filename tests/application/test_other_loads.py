@@ -1,6 +1,7 @@
 """Loads that a table does not declare: a payload and a direction of gravity are found from the deflections."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,10 @@ import gpmodel as gp
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.application.exports.make import Place, exports_of
 from gpmodel.application.other_loads import OtherLoads, other_loads
+from gpmodel.application.true_loads import under_true_loads
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.state import Discovery
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
 from gpmodel.mechanism.source import LoadedMechanism
@@ -87,6 +91,27 @@ def test_measured_torques_and_machines_without_masses_have_no_other_loads() -> N
     table = measured("irb6400r", 3, None, loaded=True)
     torque = prepare(gp.load_mechanism("irb6400r"), table).states["torque_J3"]
     assert judged("irb6400r", replace(table, extras={"torque_J3": torque}, extra_units={"torque_J3": "N*m"}))[0] is None
+
+
+def test_loads_that_predict_worse_than_the_findings_start_no_second_search() -> None:
+    """A wrong payload explains the standard model's residual by 74 nats, and three eccentricities explain it wholly."""
+    arm = gp.load_mechanism("irb6400r")
+    waves = ("eccentricity J2=800 urad", "eccentricity J3=-900 urad", "eccentricity J5=700 urad")
+    table = gp.simulate(arm, (*WEAK["irb6400r"], *waves), poses=120, seed=2, noise="0.02 mm").table
+    suggested, _ = judged("irb6400r", table)
+    assert suggested is not None
+    checked, poses = checked_poses(arm, table)
+    searches = list[object]()
+
+    def loop(*args: object, **options: object) -> Discovery:
+        searches.append(args[0])
+        return discover(*args, **options, search=gp.Search(runs=0, workers=1), errors_alone=True)
+
+    every = np.arange(len(poses))
+    found = under_true_loads(partial(loop), Criteria(), checked, poses, every, every[:0])
+    assert searches == [checked]
+    assert found.loads == ""
+    assert sum("eccentricity" in f.candidate.name for f in found.findings) == 3
 
 
 @pytest.mark.long
