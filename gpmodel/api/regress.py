@@ -109,7 +109,8 @@ def regress(
     """Find a formula y = f(X) by genetic programming with several link functions, and fit its constants.
 
     X: inputs, as a DataFrame, or an array with one column per input. Column values of order one are searched best.
-    y: response, one number per row of X.
+    A column far from zero compared with its range, such as a year, is searched as its difference from a near number.
+    y: response, one number per row of X, in any unit and with any offset.
     names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier. At most 100 (1 + seconds) rows, drawn at
     random, are searched; the constants are fitted to all rows afterwards. The search may exceed the time limit.

@@ -24,6 +24,7 @@ from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.links import LINKS, PRICE, LinkFunction, below_the_bar, scaled
 from gpmodel.evolution.memetic import Formulas, evolve_formulas
+from gpmodel.evolution.origins import Origins, rounding_share
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population, program_of
@@ -68,6 +69,11 @@ class Law:
         """Number of nodes and constants of the formula."""
         return self.program.complexity + len(self.program.constants)
 
+    def written(self, program: Program) -> "Law":
+        """Return the law with an equivalent program."""
+        other = replace(self, program=program)
+        return replace(other, nats=self.nats + PRICE * (other.length - self.length))
+
 
 def regression_front(
     inputs: Inputs,
@@ -88,6 +94,9 @@ def regression_front(
     _compile_loops()
     began = clock()
     response = np.asarray(response, dtype=float)
+    origins = Origins.of(inputs, response)
+    exact = max(EXACT, *map(rounding_share, (*inputs.values, response)))
+    inputs, response = origins.differences(inputs), response - origins.response
     some = np.sort(rng.permutation(len(response))[: round(ROWS * (1.0 + seconds))])
     varying = inputs.select([name for name in inputs.names if np.ptp(inputs[name][some]) > 0] or inputs.names[:1])
     few = replace(varying, values=varying.values[:, some])
@@ -96,14 +105,15 @@ def regression_front(
     between = PointsBetween(few.mapping(), float(response.var()), np.random.default_rng(0))
     is_long = len(some) < len(response)
     search_seconds = (1.0 - FINISHING * is_long) * seconds
-    found = _searched(few, response[some], rng, lambda share: clock() - began > share * search_seconds, between)
-    if not is_long:
-        return _front(found)
-    every, targets, laws = _Judge(inputs.mapping(), response, between), _plain(response), list[Law]()
-    for law in sorted(_front(found), key=lambda law: law.nats):
-        again = law.program if clock() - began > seconds else polish(law.program, targets, 0, every.columns)[0]
-        laws += every([again])
-    return _front(laws)
+    judged = _Judge(few.mapping(), response[some], between, exact)
+    found = _searched(few, judged, rng, lambda share: clock() - began > share * search_seconds)
+    if is_long:
+        judged, targets = replace(judged, columns=inputs.mapping(), response=response), _plain(response)
+        front, found = sorted(_front(found), key=lambda law: law.nats), []
+        for law in front:
+            again = law.program if clock() - began > seconds else polish(law.program, targets, 0, judged.columns)[0]
+            found += judged([again])
+    return _front(law.written(origins.restored(law.program)) for law in found)
 
 
 @cache
@@ -113,31 +123,32 @@ def _compile_loops() -> None:
     inputs, response = Inputs(("a", "b"), rng.uniform(1.0, 2.0, (2, 12))), rng.uniform(1.0, 2.0, 12)
     between = PointsBetween(inputs.mapping(), float(response.var()), rng)
     asked = count()
-    _searched(inputs, response, rng, lambda share: next(asked) > COMPILING, between)
+    judged = _Judge(inputs.mapping(), response, between, EXACT)
+    _searched(inputs, judged, rng, lambda share: next(asked) > COMPILING)
 
 
 def _searched(
-    inputs: Inputs, response: Array, rng: np.random.Generator, is_past: Callable[[float], bool], between: PointsBetween
+    inputs: Inputs, judged: "_Judge", rng: np.random.Generator, is_past: Callable[[float], bool]
 ) -> list[Law]:
     """Return the formulas of a search: programs are bred under all link functions, the best formulas further.
     is_past: function that returns whether a share of the computing time is over."""
-    judged = _Judge(inputs.mapping(), response, between)
+    response = judged.response
     found = judged(map(parse, ("1", *map(repr, inputs.names))))
     problem = SlotProblem(inputs, _plain(response), PRICE, lambda: is_past(1.0))
     islands = [_Island(problem, response, link, rng) for link in LINKS if link.applies(response)]
     for island in islands:
         found += judged(island.formulas([[]]))
     has_short = len(inputs.names) <= MOST_INPUTS
-    while not is_past(1.0 - FINISHING * (1 + has_short)) and not _exact(found):
+    while not is_past(1.0 - FINISHING * (1 + has_short)) and not judged.has_exact(found):
         for island in islands:
             found += judged(island.step(islands))
-    if not _exact(found):
+    if not judged.has_exact(found):
         every = [judged(island.every()) for island in islands]
         found += chain.from_iterable(every)
         least = [min((law.nats for law in some), default=np.inf) for some in every]
         if has_short and not problem.is_over():
             found += judged(islands[int(np.argmin(least))].short())
-    found += judged(_finished(found, problem, between))
+    found += judged(_finished(found, problem, judged.between))
     return found
 
 
@@ -150,10 +161,6 @@ def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
     if not front:
         raise InputError("regress: no program is finite on these inputs")
     return tuple(front)
-
-
-def _exact(laws: Iterable[Law]) -> bool:
-    return any(law.left < EXACT for law in laws)
 
 
 def _plain(response: Array) -> Targets:
@@ -282,11 +289,17 @@ def _finished(laws: Iterable[Law], problem: SlotProblem, between: PointsBetween)
 
 @dataclass(frozen=True)
 class _Judge:
-    """Judge of programs as formulas of a response. columns: values of the inputs. between: points between the rows."""
+    """Judge of programs as formulas of a response. columns: values of the inputs. between: points between the rows.
+    exact: share of the response's variance below which a residual is a rounding error."""
 
     columns: dict[str, Array]
     response: Array
     between: PointsBetween
+    exact: float
+
+    def has_exact(self, laws: Iterable[Law]) -> bool:
+        """Return whether the residual of a formula is a rounding error."""
+        return any(law.left < self.exact for law in laws)
 
     def __call__(self, programs: Iterable[Program]) -> list[Law]:
         """Convert programs with finite values to formulas, each multiplied by its best factor."""
@@ -301,6 +314,6 @@ class _Judge:
             factor = float(fit @ response) / size
             left = float(np.sum(np.square(response - factor * fit))) / variance + self.between.loss(program, factor)
             law = Law(scaled(program, factor), left, 0.0)
-            nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * law.length
+            nats = 0.5 * len(response) * float(np.log(max(left, self.exact))) + PRICE * law.length
             found.append(replace(law, nats=nats))
         return found

@@ -50,6 +50,26 @@ def test_a_law_is_found_exactly_under_one_of_the_links(name: str) -> None:
     np.testing.assert_allclose(law.program.evaluate(COLUMNS)[0], response, rtol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("origin_of_a", "unit", "offset"),
+    [(0.0, 1.0, 1e6), (0.0, 1e-9, -1e-3), (0.0, 1e9, 1e15), (1e5, 1.0, 0.0), (2010.0, 1.0, 0.0), (-1.7e9, 1.0, 1e6)],
+)
+@pytest.mark.parametrize("name", ["powers", pytest.param("reciprocal", marks=pytest.mark.long)])
+def test_a_noisy_law_depends_neither_on_the_origin_of_a_column_nor_on_the_unit_of_the_response(
+    name: str, origin_of_a: float, unit: float, offset: float
+) -> None:
+    clean, rng = values_of(LAWS[name]), np.random.default_rng(1)
+    noisy = clean + 0.05 * clean.std() * rng.normal(size=80)
+    shifted = Inputs(INPUTS.names, INPUTS.values + np.array([[origin_of_a], [0.0], [0.0]]))
+    fits = []
+    for inputs, response in (INPUTS, noisy), (shifted, unit * noisy + offset):
+        found = regression_front(inputs, response, np.random.default_rng(0), 20, clock=count().__next__)
+        law = min(found, key=lambda law: law.nats)
+        fits.append(law.program.evaluate(inputs.mapping())[0])
+    plain, other = fits[0], (fits[1] - offset) / unit
+    assert np.abs(other - plain).max() < 1e-3 * clean.std()
+
+
 @pytest.mark.parametrize("unit", [1e-30, 1e30])
 def test_a_law_is_found_in_any_unit_of_the_response(unit: float) -> None:
     response = unit * values_of("3*a + b*c")
