@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.options import parsed
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
@@ -31,20 +32,12 @@ from gpmodel.table.read import dataset_from
 CONDITION_LIMIT = 50.0
 
 
-def settings(description: str) -> argparse.Namespace:
-    """The command line of an experiment."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--data", type=Path, required=True, help="folder of the original files, see README.md")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the report of the discovery")
-    parser.add_argument("--results", type=Path, help="results.json to write")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--runs", type=int, default=1, help="GP runs a representation and round")
-    parser.add_argument("--representations", default="linear,tree", help="of the GP")
-    parser.add_argument("--max-effects", type=int, default=12)
-    parser.add_argument("--look", type=int, default=400, help="poses of a UR10 that the loop looks at")
-    parser.add_argument("--minutes", type=float, default=20.0)
-    parser.add_argument("--workers", type=int, default=2)
-    return parser.parse_args()
+def settings(description: str | None) -> argparse.Namespace:
+    """The options of an experiment: --data has the original files, --out gets the report; --look: poses to search."""
+    return parsed(
+        description, data=Path, out=Path, results=None, seed=0, runs=1, representations="linear,tree", max_effects=12,
+        look=400, minutes=20.0, workers=2,
+    )  # fmt: skip
 
 
 def load(file: Path, columns: Path, robot: str) -> Poses:

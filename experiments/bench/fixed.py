@@ -8,7 +8,6 @@ The last digits depend on processor and libraries: record on the machine that co
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -23,6 +22,7 @@ import gpmodel as gp
 from experiments.bench.robots import ROBOTS
 from experiments.blind.files import write as write_blind
 from experiments.blind.generate import make
+from experiments.options import parsed
 from experiments.random_laws.judge import write as write_law
 from experiments.random_laws.robot import make as make_law
 from gpmodel.discovery.search import Search
@@ -80,10 +80,7 @@ def same(before: Any, now: Any) -> bool:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default=",".join(RUNS), help=f"with commas, of {', '.join(RUNS)}")
-    parser.add_argument("--record", action="store_true")
-    settings = parser.parse_args()
+    settings = parsed(__doc__, only=",".join(RUNS), record=False)
     kept: dict[str, Any] = json.loads(FIXED.read_text()) if FIXED.exists() else {}
     changed = False
     for name in settings.only.split(","):

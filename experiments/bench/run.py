@@ -22,6 +22,7 @@ import gpmodel as gp
 from experiments.bench.judge import judge
 from experiments.bench.robots import ROBOTS, Robot
 from experiments.methods.rows import GOAL, Row
+from experiments.options import parsed
 from gpmodel.executor import Forks
 
 CHANGE = 0.02
@@ -93,18 +94,6 @@ HERE = Path(__file__).parent
 RESULTS, HISTORY = HERE / "results.json", HERE / "history.md"
 
 
-def parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="", help="names, with commas")
-    parser.add_argument("--quick", action="store_true", help="twelve robots of short time and most kinds")
-    parser.add_argument("--jobs", type=int, default=1, help="robots side by side")
-    parser.add_argument("--against", type=Path, default=RESULTS, help="results.json of another version")
-    parser.add_argument("--results", type=Path, help="JSON of this run; robots that it has are not run again")
-    parser.add_argument("--record", metavar="NOTE", help="keep the results and add a line with a note to history.md")
-    parser.add_argument("--list", action="store_true", help="names and what each robot is for")
-    return parser.parse_args()
-
-
 def chosen(settings: argparse.Namespace) -> list[Robot]:
     """Robots that the options select. Raises SystemExit for an unknown name."""
     every = [name for name, robot in ROBOTS.items() if robot.quick or not settings.quick]
@@ -149,7 +138,8 @@ def _judged(call: tuple[Robot, Path]) -> Row:
 
 
 def main() -> None:
-    settings = parse()
+    flags = {"quick": False, "list": False}
+    settings = parsed(__doc__, only="", jobs=1, against=RESULTS, results=None, record="", **flags)
     robots = chosen(settings)
     if settings.list:
         print("\n".join(f"{r.name:24} {r.kind:8} {'quick' if r.quick else '':6} {r.why}" for r in robots))

@@ -24,6 +24,7 @@ from experiments.blind.grading import summarise
 from experiments.blind.judge import save, saved
 from experiments.blind.product import Asked, Row, judge
 from experiments.methods.plug import METHODS
+from experiments.options import command
 from gpmodel.executor import Forks
 
 
@@ -90,15 +91,14 @@ def main() -> None:
     rows = saved(settings.results)
     done = {key for key, row in rows.items() if "failed" not in row and row.get("options") == asked.said()}
     jobs = [robot for robot in robots if robot not in done]
-    command = shlex.join(["python", "-m", "experiments.blind.run", *sys.argv[1:]])
     for row in judged(jobs, settings.work, settings.workers, asked):
         rows[row["case"], row["seed"]] = row
         print(json.dumps({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()}), flush=True)
         if settings.results:
-            save(rows, command, settings.results)
+            save(rows, command(), settings.results)
     if settings.results and not jobs:
-        save(rows, command, settings.results)
-    print(json.dumps({"command": command, **summarise(list(rows.values()))}, indent=1))
+        save(rows, command(), settings.results)
+    print(json.dumps({"command": command(), **summarise(list(rows.values()))}, indent=1))
 
 
 if __name__ == "__main__":

@@ -2,15 +2,13 @@
 
 From the root of the repository: python -m experiments.blind.ways --first-seed 10 --results FILE
 Robots are taken one after the other, each in all ways, so that the table is even wherever it is stopped; started again,
-it leaves out what the file has. `--ways "catalogue alone"` fills one column.
+it leaves out what the file has. `--ways "catalogue alone"` fills one column. The table is beside
+FILE.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
-import sys
 import tempfile
 from itertools import product
 from pathlib import Path
@@ -21,6 +19,7 @@ from experiments.blind.cases import CASES
 from experiments.blind.grading import summarise
 from experiments.blind.judge import line, number, rule
 from experiments.blind.product import Asked, Row, judge
+from experiments.options import command, parsed
 from gpmodel.executor import Forks
 
 WAYS = {"catalogue alone": ("--runs", "0"), "programs alone": ("--no-catalogue",), "both": ()}
@@ -37,19 +36,12 @@ COUNTS = (
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default=",".join(ROBOTS), help="names of cases, with commas")
-    parser.add_argument("--ways", default=",".join(WAYS), help=f"with commas, of {', '.join(WAYS)}")
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=1, help="robots side by side")
-    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "blind_ways")
-    parser.add_argument("--results", type=Path, required=True, help="JSON; the table goes into the same name with .md")
-    settings = parser.parse_args()
+    work = Path(tempfile.gettempdir()) / "blind_ways"
+    names = {"only": ",".join(ROBOTS), "ways": ",".join(WAYS)}
+    settings = parsed(__doc__, **names, seeds=1, first_seed=0, workers=1, work=work, results=Path)
     rows = json.loads(settings.results.read_text())["robots"] if settings.results.exists() else []
     done = {(row["case"], row["seed"], row["way"]) for row in rows if "failed" not in row}
     rows = [row for row in rows if "failed" not in row]
-    command = shlex.join(["python", "-m", "experiments.blind.ways", *sys.argv[1:]])
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
     asked = product(seeds, settings.only.split(","), settings.ways.split(","))
     calls = [(name, seed, way, settings.work) for seed, name, way in asked if (name, seed, way) not in done]
@@ -57,7 +49,7 @@ def main() -> None:
     for _, row in side_by_side(judged, calls):
         rows.append(row)
         print(json.dumps(row), flush=True)
-        save(rows, command, settings.results)
+        save(rows, command(), settings.results)
 
 
 def judged(call: tuple[str, int, str, Path]) -> Row:
@@ -67,12 +59,12 @@ def judged(call: tuple[str, int, str, Path]) -> Row:
     return {"way": way, **judge(name, seed, work / f"{name}_{seed}_{way.split()[0]}", asked)}
 
 
-def save(rows: list[Row], command: str, file: Path) -> None:
+def save(rows: list[Row], said: str, file: Path) -> None:
     """Rows and counts as they stand, in JSON, and as Markdown."""
     summary = {way: counted([row for row in rows if row["way"] == way]) for way in WAYS}
     summary = {way: counts for way, counts in summary.items() if counts}
-    said = json.dumps({"command": command, "summary": summary, "robots": rows}, indent=1) + "\n"
-    for path, text in ((file, said), (file.with_suffix(".md"), markdown(rows, summary))):
+    results = json.dumps({"command": said, "summary": summary, "robots": rows}, indent=1) + "\n"
+    for path, text in ((file, results), (file.with_suffix(".md"), markdown(rows, summary))):
         part = path.with_name(path.name + ".part")
         part.write_text(text)
         part.replace(path)

@@ -7,37 +7,25 @@ started again, it leaves out the robots that FILE has.
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.coverage.measure import FAMILIES, Row, found, known
+from experiments.options import command, parsed
 from experiments.tables import save_rows
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Forks
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--family", default=",".join(FAMILIES), help=f"with commas, of {', '.join(FAMILIES)}")
-    parser.add_argument("--only", default="", help="names of cases, with commas")
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--runs", type=int, default=0, help="GP runs a round; none: groups are chosen, nothing evolved")
-    parser.add_argument("--quick", action="store_true", help="one seed")
-    parser.add_argument("--workers", type=int, default=1, help="robots side by side")
-    parser.add_argument("--out", type=Path, help="JSON of results")
-    settings = parser.parse_args()
+    names = {"family": ",".join(FAMILIES), "only": ""}
+    settings = parsed(__doc__, **names, seeds=6, first_seed=0, runs=0, quick=False, workers=1, out=None)
     seeds = range(settings.first_seed, settings.first_seed + (1 if settings.quick else settings.seeds))
     rows = json.loads(settings.out.read_text())["robots"] if settings.out and settings.out.exists() else []
     done = {(row["case"], row["seed"]) for row in rows}
-    command = shlex.join(["python", "-m", "experiments.coverage", *sys.argv[1:]])
     jobs = [
         (family, name, seed, settings.runs)
         for seed in seeds
@@ -49,7 +37,7 @@ def main() -> None:
     for _, row in side_by_side(judged, jobs):
         rows.append(row)
         if settings.out:
-            save_rows(settings.out, {"command": command, "summary": summarised(rows)}, "robots", rows)
+            save_rows(settings.out, {"command": command(), "summary": summarised(rows)}, "robots", rows)
     print(json.dumps(summarised(rows), indent=1))
 
 

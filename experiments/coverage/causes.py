@@ -8,8 +8,6 @@ counts where its findings have more than one cause, or nothing is found. Started
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -20,7 +18,7 @@ import numpy as np
 
 from experiments.blind.case import Case, effect
 from experiments.coverage.truth import exact, hall, poses_at
-from experiments.options import parsed
+from experiments.options import command, parsed
 from experiments.spherical_joint.rigs import JOINT, rig_of
 from experiments.tables import save_rows
 from gpmodel.api.discover import discover
@@ -167,13 +165,12 @@ def main() -> None:
     chosen = parsed(__doc__, arms=100, rigs=20, first=0, seconds=np.inf, out=Path)
     rows: list[Row] = json.loads(chosen.out.read_text())["machines"] if chosen.out.exists() else []
     done = {(kind, row[kind]) for row in rows for kind in ("arm", "rig") if kind in row}
-    command = shlex.join(["python", "-m", "experiments.coverage.causes", *sys.argv[1:]])
     jobs = [("rig", k, rig) for k in range(chosen.rigs)] + [("arm", k, arm) for k in range(chosen.arms)]
     started = time.monotonic()
     for kind, k, ask in jobs:
         if (kind, chosen.first + k) not in done and time.monotonic() - started < chosen.seconds:
             rows.append(ask(chosen.first + k))
-            save_rows(chosen.out, {"command": command, "summary": summarised(rows)}, "machines", rows)
+            save_rows(chosen.out, {"command": command(), "summary": summarised(rows)}, "machines", rows)
     print(json.dumps(summarised(rows), indent=1))
 
 

@@ -10,16 +10,15 @@ not offered. The same with a true effect in the noise says what each rule costs.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from experiments.blind.case import Case
 from experiments.coverage.measure import bench
+from experiments.options import parsed
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, regions
@@ -90,10 +89,7 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--out", type=Path)
-    settings = parser.parse_args()
+    settings = parsed(__doc__, trials=40, out=None)
     here = bench(CASE, 1)
     fit = calibrate(ErrorModel(here.mechanism, geometric_effects(here.mechanism)), here.poses)
     residual = residual_of(fit, here.poses, Criteria(), 0)

@@ -8,8 +8,6 @@ propagation is confirmed where both agree.
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from experiments.coverage.truth import hall, machine_of
-from experiments.options import parsed
+from experiments.options import command, parsed
 from gpmodel.api.calibrate import calibrate as calibrate_table
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.model.error_model import observe
@@ -53,8 +51,7 @@ def compared(number: int, worlds: int) -> dict[str, Any]:
 def main() -> None:
     settings = parsed(__doc__, machines="0,1,11", worlds=60, out=Path)
     rows = [compared(int(number), settings.worlds) for number in settings.machines.split(",")]
-    command = shlex.join(["python", "-m", "experiments.coverage.monte_carlo", *sys.argv[1:]])
-    settings.out.write_text(json.dumps({"command": command, "machines": rows}, indent=1) + "\n")
+    settings.out.write_text(json.dumps({"command": command(), "machines": rows}, indent=1) + "\n")
     print(json.dumps(rows, indent=1))
 
 

@@ -6,10 +6,7 @@ Started again it leaves out the machines that FILE has; `--of fleets` asks whole
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +16,7 @@ import numpy as np
 from experiments.coverage.asked import Row, asked
 from experiments.coverage.fleets import fleet_asked
 from experiments.coverage.truth import STRATA
+from experiments.options import command, parsed
 from experiments.tables import save_rows
 from gpmodel.numerics.interval import coverage_factor
 
@@ -26,22 +24,15 @@ KINDS = ("effect", "geometry", "place", "turn", "tool")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--machines", type=int, default=300)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--stratum", choices=STRATA, help="of so many machines, those of this stratum")
-    parser.add_argument("--of", choices=ASKED, default="machines")
-    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
-    settings = parser.parse_args()
+    settings = parsed(__doc__, machines=300, first=0, stratum=("", *STRATA), of=tuple(ASKED), out=Path)
     rows: list[Row] = json.loads(settings.out.read_text())["machines"] if settings.out.exists() else []
     done = {row["machine"] for row in rows}
-    command = shlex.join(["python", "-m", "experiments.coverage.printed", *sys.argv[1:]])
     ask, sum_up = ASKED[settings.of]
     for number in range(settings.first, settings.first + settings.machines):
         other = settings.stratum and list(STRATA)[number % len(STRATA)] != settings.stratum
         if number not in done and not other:
             rows.append(ask(number))
-            save_rows(settings.out, {"command": command, "summary": sum_up(rows)}, "machines", rows)
+            save_rows(settings.out, {"command": command(), "summary": sum_up(rows)}, "machines", rows)
     print(json.dumps(sum_up(rows), indent=1))
 
 

@@ -8,7 +8,6 @@ alone; and the same for the geometry before anything is measured (before.py).
 From the root of the repository: python -m experiments.next_poses.run [--seeds 6] [--only before|limits|cases]
 """
 
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from experiments.next_poses import before
+from experiments.options import parsed
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.next_poses import Alternatives, PlanningContext
 from gpmodel.application.predict import point_deviation
@@ -179,13 +179,8 @@ def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument(
-        "--only", choices=("before", "limits", "cases"), default=None, help="the others stay as they are"
-    )
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
-    given = parser.parse_args(arguments)
+    out = Path(__file__).with_name("results.json")
+    given = parsed(__doc__, arguments, seeds=6, only=("", "before", "limits", "cases"), out=out)
     makers: dict[str, Callable[[], list[dict[str, Any]]]] = {
         "before": lambda: [before.study(arm) for arm in before.ARMS],
         "limits": lambda: [limits(case, given.seeds) for case in CASES],
@@ -193,7 +188,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     }
     results = json.loads(given.out.read_text()) if given.only and given.out.is_file() else {}
     for part, make in makers.items():
-        if given.only in (None, part):
+        if given.only in ("", part):
             command = f"python -m experiments.next_poses.run --only {part} --seeds {given.seeds}"
             results[part] = {"command": command, "first_poses": FIRST, "studies": make()}
     write_text(given.out, to_json(results))

@@ -7,9 +7,7 @@ From the root of the repository: python -m experiments.prediction_sigma.run [--r
 [--first 1000] --out FILE
 """
 
-import argparse
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import gpmodel as gp
+from experiments.options import command, parsed
 from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by
@@ -92,17 +91,11 @@ def summed(rows: list[Row]) -> list[Row]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=60)
-    parser.add_argument("--searched", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--out", type=Path, required=True)
-    asked = parser.parse_args()
+    asked = parsed(__doc__, robots=60, searched=0, first=0, out=Path)
     numbers = [range(asked.first, asked.first + count) for count in (asked.robots, asked.searched)]
     found = {"standard": [standard(n, SIZES[n % 4]) for n in numbers[0]]}
     found["searched"] = [searched(n, SIZES[n % 4]) for n in numbers[1]]
-    command = " ".join(["python -m experiments.prediction_sigma.run", *sys.argv[1:]])
     within = {f"{kind}, share of each": sorted(round(r["with"], 3) for r in rows) for kind, rows in found.items()}
     summary = {kind: summed(rows) for kind, rows in found.items()}
-    asked.out.write_text(json.dumps({"command": command, "versions": versions(), **summary, **within}, indent=1))
+    asked.out.write_text(json.dumps({"command": command(), "versions": versions(), **summary, **within}, indent=1))
     print(json.dumps(summary, indent=1))

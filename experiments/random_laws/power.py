@@ -10,7 +10,6 @@ with what is left, and writes the table beside FILE.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from itertools import product
@@ -21,6 +20,7 @@ from scipy.stats import chi2
 
 import gpmodel as gp
 from experiments.methods.rows import Row, append, rounded, saved
+from experiments.options import parsed
 from experiments.random_laws.judge import graded, write
 from experiments.random_laws.robot import Robot, factors_of, make
 from gpmodel.api.table import read_table
@@ -71,16 +71,10 @@ def table(rows: list[Row]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--factors", type=factors_of, default="1,2", help="with commas")
-    parser.add_argument("--seeds", default="4", help="with commas")
-    parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
-    parser.add_argument("--runs", type=int, default=0, help="of genetic programming; 0: free functions and their laws")
-    parser.add_argument("--results", type=Path, required=True, help="JSON lines; the table goes beside it")
-    settings = parser.parse_args()
+    settings = parsed(__doc__, factors="1,2", seeds="4", robots=10, runs=0, results=Path)
     rows = saved(settings.results)
     seeds = [int(word) for word in settings.seeds.split(",")]
-    for index, seed, factor, size in product(range(settings.robots), seeds, settings.factors, SIZES):
+    for index, seed, factor, size in product(range(settings.robots), seeds, factors_of(settings.factors), SIZES):
         identity = (f"{settings.runs} runs", seed, factor, f"{index} at {size:g}")
         if identity in rows:
             continue

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from argparse import ArgumentTypeError
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -87,10 +86,10 @@ def is_aside(seed: int) -> bool:
 
 
 def factors_of(text: str) -> list[int | str]:
-    """Names of grammars, written with commas. Raises ArgumentTypeError for one that is not there."""
+    """Names of grammars, written with commas. Raises SystemExit for one that is not there."""
     named = {str(name): name for name in GRAMMARS}
     if unknown := [word for word in text.split(",") if word not in named]:
-        raise ArgumentTypeError(f"{unknown[0]!r}, expected some of {','.join(named)}")
+        raise SystemExit(f"--factors: {unknown[0]!r}, expected some of {','.join(named)}")
     return [named[word] for word in text.split(",")]
 
 

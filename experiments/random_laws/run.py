@@ -5,18 +5,20 @@ python -m experiments.random_laws.run --factors one,two,weighted,product,sum,wav
 A line is added to FILE after every robot and the leaderboard of all its methods written beside it; the same command
 again goes on with what is left.  Odd seeds are aside: of their robots only counts are shown and saved, unless --show is
 given.
+--factors: names of `law.GRAMMARS`. --method: a name of `methods.plug.METHODS`, or package.module:function. --first:
+index of the first robot of every seed. No robot is begun after --minutes.
 """
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from itertools import product
 from pathlib import Path
 
-from experiments.methods.plug import METHODS, folder_name, leaderboard, method_named, write
+from experiments.methods.plug import folder_name, leaderboard, method_named, write
 from experiments.methods.rows import Row, append, rounded, saved
+from experiments.options import parsed
 from experiments.random_laws.judge import judge
 from experiments.random_laws.law import GRAMMARS
 from experiments.random_laws.robot import factors_of, is_aside
@@ -26,22 +28,6 @@ SHORT = (
     "ratio", "explained", "false", "found", "seconds", "failed",
 )  # fmt: skip
 TELLING = ("law", "inputs", "place", "arm", "kind")
-
-
-def parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--method", default="discover", help=f"{', '.join(METHODS)}, or package.module:function")
-    parser.add_argument(
-        "--factors", type=factors_of, default="1,2", help=f"laws, with commas: {', '.join(map(str, GRAMMARS))}"
-    )
-    parser.add_argument("--seeds", default="0", help="with commas; odd ones are for a last look")
-    parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
-    parser.add_argument("--robots", type=int, default=10, help="of every seed and law")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
-    parser.add_argument("--results", type=Path, help="JSON lines; the leaderboard goes into the same name with .md")
-    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "random_laws")
-    parser.add_argument("--show", action="store_true", help="robots of odd seeds by name, too")
-    return parser.parse_args()
 
 
 def shown(row: Row, show: bool) -> Row:
@@ -58,13 +44,16 @@ def group(row: Row) -> str:
 
 
 def main() -> None:
-    settings = parse()
+    settings = parsed(
+        __doc__, method="discover", factors="1,2", seeds="0", first=0, robots=10, minutes=float("inf"), results=None,
+        work=Path(tempfile.gettempdir()) / "random_laws", show=False,
+    )  # fmt: skip
     method = method_named(settings.method)
     rows = saved(settings.results)
     until = time.monotonic() + 60 * settings.minutes
     indices = range(settings.first, settings.first + settings.robots)
     seeds = [int(word) for word in settings.seeds.split(",")]
-    for index, seed, factor in product(indices, seeds, settings.factors):
+    for index, seed, factor in product(indices, seeds, factors_of(settings.factors)):
         if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
             continue
         folder = settings.work / "_".join(map(str, (folder_name(settings.method), seed, factor, index)))

@@ -9,7 +9,6 @@ call adds the robots that the file of results lacks.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from itertools import product
@@ -22,6 +21,7 @@ from experiments.blind.grading import nodes
 from experiments.blind.oracle import rms_mm
 from experiments.methods.plug import Files, leaderboard, predicted
 from experiments.methods.rows import Row, append, explained, rounded, saved
+from experiments.options import parsed
 from experiments.random_laws.judge import drawn, oracle, write
 from experiments.random_laws.law import Place
 from experiments.random_laws.robot import Robot, factors_of, is_aside, make
@@ -84,17 +84,13 @@ def judged(seed: int, factors: int | str, index: int, method: str, folder: Path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--factors", type=factors_of, default="weighted,product,sum", help="as of run")
-    parser.add_argument("--seeds", default="40,41", help="with commas; of odd ones only counts are shown")
-    parser.add_argument("--robots", type=int, default=4, help="of every seed and law")
-    parser.add_argument("--methods", default=",".join(BREEDING), help="with commas")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
-    parser.add_argument("--results", type=Path, required=True, help="JSON lines; the leaderboard is in its folder")
-    settings = parser.parse_args()
+    settings = parsed(
+        __doc__, factors="weighted,product,sum", seeds="40,41", robots=4, methods=",".join(BREEDING),
+        minutes=float("inf"), results=Path,
+    )  # fmt: skip
     rows, until = saved(settings.results), time.monotonic() + 60 * settings.minutes
     seeds = [int(word) for word in settings.seeds.split(",")]
-    for index, seed, factor in product(range(settings.robots), seeds, settings.factors):
+    for index, seed, factor in product(range(settings.robots), seeds, factors_of(settings.factors)):
         for method in settings.methods.split(","):
             if (identity := (method, seed, factor, index)) in rows or time.monotonic() > until:
                 continue

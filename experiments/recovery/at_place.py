@@ -8,16 +8,15 @@ error at 500 fresh poses is over that of least squares told the law.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from experiments.options import parsed
 from experiments.random_laws.law import Law, one_variable, two_variables
 from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.pareto import description_length
@@ -93,11 +92,7 @@ def judged(factors: int, number: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--factors", default="1,2")
-    parser.add_argument("--laws", type=int, default=80)
-    parser.add_argument("--out", type=Path)
-    settings = parser.parse_args()
+    settings = parsed(__doc__, factors="1,2", laws=80, out=None)
     out: dict[str, Any] = {}
     for factors in settings.factors.split(","):
         with threadpool_limits(1):

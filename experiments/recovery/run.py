@@ -9,7 +9,6 @@ squared error below 1e-8 on 1000 points not trained on (with noise: below a tent
 Results of engines run before stay in the file beside the new ones.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -28,6 +27,7 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
+from experiments.options import parsed
 from experiments.recovery.engines import available
 from experiments.recovery.found import Found
 from experiments.tables import write_table
@@ -224,16 +224,10 @@ def write_tables(folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--laws", choices=("old", "tune", "unseen"), default="old")
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--noise", type=float, default=0.0)
-    parser.add_argument("--engines", default=None)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
-    chosen = parser.parse_args()
+    laws_of = ("old", "tune", "unseen")
+    chosen = parsed(__doc__, laws=laws_of, seconds=5.0, seeds=3, noise=0.0, engines="", out=Path(__file__).parent)
     engines = available(noisy=chosen.noise > 0)
-    names = list(engines) if chosen.engines is None else chosen.engines.split(";")
+    names = chosen.engines.split(";") if chosen.engines else list(engines)
     laws = dict(zip(("tune", "unseen", "old"), (*halves(), LAWS), strict=True))[chosen.laws]
     kind = "" if chosen.laws == "old" else f"_{chosen.laws}"
     file = chosen.out / f"results{kind}{f'_noise_{chosen.noise:g}' if chosen.noise else ''}.json"

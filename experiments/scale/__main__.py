@@ -4,22 +4,21 @@ python -m experiments.scale             all of it, on an otherwise idle machine;
 python -m experiments.scale --only overhead,memory
 """
 
-import argparse
 import json
 import os
 import platform
 from pathlib import Path
 
+from experiments.options import parsed
 from experiments.scale.measure import MEASURED
 from gpmodel.files import to_json
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default=",".join(MEASURED))
+    asked = parsed(__doc__, only=",".join(MEASURED))
     path = Path(__file__).parent / "results.json"
     results = json.loads(path.read_text()) if path.exists() else {}
-    for name in parser.parse_args().only.split(","):
+    for name in asked.only.split(","):
         load = os.getloadavg()[0]
         results[name] = MEASURED[name]() | {"load_before": load, "cores": os.cpu_count()}
         results["machine"] = platform.machine()

@@ -6,7 +6,6 @@ Tasks run in processes of their own, so that a reader that would take its proces
 written now and then; started again, texts that were not tried yet are added until all inputs are together.
 """
 
-import argparse
 import json
 import random
 import tempfile
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from experiments.options import parsed
 from experiments.scale.readers import Reader, edited, outcome, random_edits, readers
 from gpmodel.executor import Forks
 from gpmodel.files import to_json
@@ -94,22 +94,18 @@ class Tally:
         FILE.write_text(to_json(content))
 
 
-def missing(tally: Tally, inputs: int, only: str | None) -> list[Chunk]:
+def missing(tally: Tally, inputs: int, only: str) -> list[Chunk]:
     """List the chunks that remain until `inputs` inputs are tried, alternating between readers."""
     ordered = []
     for name, reader in readers().items():
         done = tally.readers.get(name, {"inputs": 0})["inputs"]
-        count = round((inputs * reader.share - done) / CHUNK) if only in (None, name) else 0
+        count = round((inputs * reader.share - done) / CHUNK) if only in ("", name) else 0
         ordered += [(k / count, Chunk(name, CHUNK, tally.chunks[name] + k)) for k in range(count)]
     return [chunk for _, chunk in sorted(ordered, key=lambda pair: pair[0])]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--inputs", type=int, default=1_000_000)
-    parser.add_argument("--workers", type=int, default=0)
-    parser.add_argument("--only", default=None)
-    chosen = parser.parse_args()
+    chosen = parsed(__doc__, inputs=1_000_000, workers=0, only="")
     tally = Tally.read()
     chunks = missing(tally, chosen.inputs, chosen.only)
     for done, (place, found) in enumerate(Forks(chosen.workers)(tried, chunks), 1):

@@ -6,7 +6,6 @@ Robots are those of experiments.blind, by the name of their kind, and of experim
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import tempfile
@@ -19,6 +18,7 @@ from typing import Any
 import gpmodel as gp
 from experiments.blind import generate
 from experiments.blind.files import write as write_blind
+from experiments.options import parsed
 from experiments.random_laws import robot as laws
 from experiments.random_laws.judge import write as write_law
 
@@ -63,12 +63,7 @@ def agreement(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--runs", type=int, default=0, help="GP runs a round; 0: the catalogue alone")
-    parser.add_argument("--robots", default=",".join(ROBOTS), help="with commas")
-    parser.add_argument("--results", type=Path)
-    given = parser.parse_args()
+    given = parsed(__doc__, seeds=5, runs=0, robots=",".join(ROBOTS), results=None)
     out: dict[str, Any] = {}
     for name in given.robots.split(","):
         with tempfile.TemporaryDirectory() as folder:

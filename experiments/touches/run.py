@@ -4,7 +4,6 @@ README.md says how the robots are made and judged.
 From the root of the repository: python -m experiments.touches.run [--robots 40] [--cases CASE ...] [--out FOLDER]
 """
 
-import argparse
 import json
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import gpmodel as gp
+from experiments.options import parsed
 from gpmodel.api.simulate import SimulationResult
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
@@ -113,15 +113,11 @@ def robots(case: Case, count: int) -> list[dict[str, dict[str, float]]]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run all robots and write results.json."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.touches.run", description=__doc__)
-    parser.add_argument("--robots", type=int, default=40)
-    parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES))
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
+    chosen = parsed(__doc__, arguments, robots=40, cases=",".join(CASES), out=HERE)
     file = chosen.out / "results.json"
     results = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    results |= {"command": f"{parser.prog} --robots {chosen.robots}", "versions": versions()}
-    for case in chosen.cases:
+    results |= {"command": f"python -m experiments.touches.run --robots {chosen.robots}", "versions": versions()}
+    for case in chosen.cases.split(","):
         made = robots(CASES[case], chosen.robots)
         for name in MODELS:
             each = [errors[name] for errors in made]

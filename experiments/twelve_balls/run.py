@@ -7,7 +7,6 @@ The catalogue alone (no evolution), all poses choose. `told`: standard deviation
 their shape and place; `needed`: at which they alone pass the acceptance rule.
 """
 
-import argparse
 import io
 import json
 from itertools import chain
@@ -18,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 import gpmodel as gp
+from experiments.options import parsed
 from experiments.twelve_balls.simulator import BALLS, LOBES, MACHINES, Fault, table
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.calibration.gauss_newton import calibrate
@@ -81,17 +81,13 @@ def one_machine(kind: str, seed: int, planted: bool) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    parser = argparse.ArgumentParser(prog="python -m experiments.twelve_balls.run", description=__doc__)
-    for name in ("machines", "innocent"):
-        parser.add_argument(f"--{name}", type=int, default=20)
-    parser.add_argument("--kind", choices=tuple(MACHINES), default="hexapod")
-    parser.add_argument("--out", type=Path, default=HERE)
-    chosen = parser.parse_args(arguments)
+    chosen = parsed(__doc__, arguments, machines=20, innocent=20, kind=tuple(MACHINES), out=HERE)
     kind = chosen.kind
     bad = [one_machine(kind, seed, True) for seed in range(chosen.machines)]
     good = [one_machine(kind, seed, False) for seed in range(chosen.innocent)]
+    sizes = f"--machines {chosen.machines} --innocent {chosen.innocent}"
     results: dict[str, Any] = {
-        "command": f"{parser.prog} --kind {kind} --machines {chosen.machines} --innocent {chosen.innocent}",
+        "command": f"python -m experiments.twelve_balls.run --kind {kind} {sizes}",
         "versions": versions(),
         "poses": POSES[kind],
         "the bad ball is named, and nothing else": f"{sum(m['right'] for m in bad)} of {len(bad)}",

@@ -53,7 +53,7 @@ def later(found: Discovery, frozen: list[tuple[Effect, ...]], poses: Poses, rng:
 
 
 def main() -> None:
-    given = measured.settings(__doc__ or "")
+    given = measured.settings(__doc__)
     rng = np.random.default_rng(given.seed)
     poses = measured.load(given.data / "Series_A" / "measurements_grid.csv", HERE / "columns.toml", "ur10")
     order = rng.permutation(len(poses))

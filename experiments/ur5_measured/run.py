@@ -36,7 +36,7 @@ def random_poses(model_file: Path, grid: Poses, fresh: Poses) -> dict[str, Any]:
 
 
 def main() -> None:
-    given = measured.settings(__doc__ or "")
+    given = measured.settings(__doc__)
     columns = HERE / "columns.toml"
     grid = measured.load(given.data / "3D_UR5_uncalibrated_grid_cleaned.csv", columns, "ur5")
     fresh = measured.load(given.data / "3D_UR5_uncalibrated_random_cleaned.csv", columns, "ur5")

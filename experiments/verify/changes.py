@@ -7,7 +7,6 @@ of the instrument after one change. A change is SIZES standard errors of the fit
 From the root of the repository: python -m experiments.verify.changes [--first 0] [--machines 10] [--same 5]
 """
 
-import argparse
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -22,6 +21,7 @@ import pandas as pd
 import gpmodel as gp
 from experiments.blind.arms import ARMS
 from experiments.blind.files import urdf
+from experiments.options import parsed
 from gpmodel.api.verify import NextCheck
 from gpmodel.application.possible_changes import PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, recheck, settled
@@ -354,14 +354,8 @@ def _line(title: str, rows: list[Row]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--machines", type=int, default=10)
-    parser.add_argument("--same", type=int, default=5)
-    parser.add_argument("--types", default=",".join(TYPES))
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("changes.json"))
-    asked = parser.parse_args()
+    out = Path(__file__).with_name("changes.json")
+    asked = parsed(__doc__, first=0, machines=10, same=5, types=",".join(TYPES), kinds=",".join(KINDS), out=out)
     types, rows = asked.types.split(","), []
     for k in range(asked.first, asked.first + asked.machines):
         own = machine(types[k % len(types)], k)
