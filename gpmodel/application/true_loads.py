@@ -79,7 +79,8 @@ def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, w
     better than the model with all findings.
     left: residual of the model with all findings. worth: log likelihood of its predictions less its penalties, nats.
     """
-    poses, loads = found.poses.subset(found.train), found.poses.states.loads
+    poses = found.poses.subset(found.train)
+    loads = poses.states.loads | mechanism.unit_loads(poses.dataset.q).keys()
     following = [f for f in found.findings if any(not loads.isdisjoint(e.inputs) for e in f.candidate.effects)]
     others = [f for f in found.findings if f not in following]
     rest = left.without([e for f in following for e in f.candidate.effects]) if following else left
