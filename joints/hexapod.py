@@ -50,8 +50,9 @@ class Hexapod(SixLegged):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """{frame: vector [m] that grows with temperature}: positions of the balls, and legs at half stroke."""
-        return self.link_levers(self.home[0])
+        """{frame: vector [m] that grows with temperature}: positions of the balls. The measured length of a leg is a
+        joint value, whose growth is that of a travel."""
+        return self.link_levers(np.zeros(LEGS))
 
     @property
     def home(self) -> Array:
@@ -170,7 +171,7 @@ class Tau(SixLegged):
     @property
     def levers(self) -> dict[str, Array]:
         """{frame: vector [m] that grows with temperature}: positions of the actuators and balls, and the links."""
-        axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
+        axes = {f"A{a}.fixed": m.frame[:3, :3].T @ m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
         return axes | self.link_levers(self.lengths)
 
     @property

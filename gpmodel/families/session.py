@@ -103,12 +103,16 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the growth of all lengths, and of each link or travel, in proportion to a measured temperature."""
+    """Yield the growth of all lengths, of all travels, and of each link or travel, in proportion to a temperature."""
     for column in _measured_temperatures(states):
         unit = states.units[column]
         basis, name = Expression(relative(states, column, unit)), f"thermal growth of the arm ({column})"
         for effect in arm_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"):
             yield one(name, effect, 4.0)
+            travels = tuple(term for term in effect.terms if term.basis != basis)
+            if 1 < len(travels) < len(effect.terms):
+                name = f"thermal growth of all travels ({column})"
+                yield one(name, replace(effect, name=name, terms=travels), 4.0)
         name = f"thermal growth of the link before {{slot}} ({column})"
         for effect in link_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"):
             yield one(effect.name, effect, 5.0)

@@ -21,11 +21,14 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
+from gpmodel.families.session import arm_growth
+from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import balls_of
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
+from gpmodel.table.dataset import unmeasured
 from gpmodel.testing import check_mechanism
 from joints import spherical_joint
 from joints.hexapod import hexapod, tau
@@ -47,6 +50,18 @@ def described(folder: Path, changes: dict[str, str]) -> Path:
 @pytest.mark.parametrize("changes", [{}, PUSHED], ids=["turned", "pushed"])
 def test_a_tau_robot_holds_to_the_contract_of_mechanisms_loops_included(tmp_path: Path, changes: dict) -> None:
     check_mechanism(tau(described(tmp_path, changes)), poses=6)
+
+
+@pytest.mark.parametrize("which", ["hexapod", "turned", "pushed"])
+def test_growth_of_all_lengths_scales_the_machine(which: str, tmp_path: Path) -> None:
+    """A measured length of a leg is a whole length: it grows once. The point on the platform is fitted, not grown."""
+    arm = hexapod() if which == "hexapod" else tau(described(tmp_path, PUSHED if which == "pushed" else {}))
+    q = random_poses(arm, 20, np.random.default_rng(0))
+    poses = prepare(arm, unmeasured([joint.name for joint in arm.joints], q))
+    (effect,) = arm_growth("growth", arm, Expression("1"), "1", "thermal_growth")
+    before, after = (ErrorModel(arm, one).frames(poses, np.full(len(one), 1e-5))[-1] for one in ((), (effect,)))
+    platform = before[:, :3, 3] - before[:, :3, :3] @ arm.tool
+    np.testing.assert_allclose((after - before)[:, :3, 3], 1e-5 * platform, atol=1e-9)
 
 
 def test_its_coordinates_close_to_the_poses_that_scipy_finds() -> None:
