@@ -15,6 +15,8 @@ from gpmodel.mechanism.protocol import AXES, GRAVITY, Ball, Joint, Shift
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.numerics import se3
 from joints.settings import Settings, laid_over, load_settings, positive, read_toml
+from robots.chain import SerialChain
+from robots.links import Link
 
 
 @dataclass(frozen=True)
@@ -97,46 +99,30 @@ class PassiveJoint:
         return {}
 
     @cached_property
+    def arm(self) -> SerialChain:
+        """The rotations as a serial chain of links without mass; its tool is the tooling ball."""
+        names, limits = zip(*((r.name, (r.lower, r.upper)) for r in self.rotations), strict=True)
+        links = tuple(Link(r.name, np.eye(4), f"R{r.axis}") for r in self.rotations)
+        return SerialChain(
+            self.name, links, se3.shift(self.tooling_ball), names, np.eye(len(links)), np.array(limits),
+            gravity=np.asarray(self.gravity), payload_com=np.asarray(self.payload_com),
+        )  # fmt: skip
+
+    @property
     def slots(self) -> tuple[str, ...]:
-        return ("base", *(f"{r.name}.{side}" for r in self.rotations for side in ("fixed", "moving")), "tool")
+        return self.arm.slots
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        return tuple(
-            Joint(r.name, "revolute", r.lower, r.upper, ((f"{r.name}.moving", f"R{r.axis}", 1.0),), measured=r.measured)
-            for r in self.rotations
-        )
+        return tuple(replace(j, measured=r.measured) for j, r in zip(self.arm.joints, self.rotations, strict=True))
 
     def transforms(self, q: Array) -> Array:
-        q = np.asarray(q, dtype=float)
-        if q.ndim != 2 or q.shape[1] != len(self.rotations):
-            names = ", ".join(r.name for r in self.rotations)
-            raise InputError(
-                f"{self.name}: joint values of shape {q.shape}, expected (poses, {len(self.rotations)}) for {names}"
-            )
-        out = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
-        for i, rotation in enumerate(self.rotations):
-            out[2 + 2 * i] = se3.along(3 + rotation.index, q[:, i])
-        out[-1, :, :3, 3] = self.tooling_ball
-        return out
+        return self.arm.transforms(q)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads of a payload on the shaft, named as in the Mechanism protocol; without a payload, an
         empty dictionary."""
-        if not np.any(payload):
-            return {}
-        frames = se3.chain(self.transforms(q))
-        force = np.asarray(payload)[:, None] * np.asarray(self.gravity)
-        centre = frames[-1, :, :3, 3] + frames[-1, :, :3, :3] @ np.asarray(self.payload_com)
-        out: dict[str, Array] = {}
-        for name, slot in (("base", "base"), *((r.name, f"{r.name}.moving") for r in self.rotations)):
-            turn = frames[self.slots.index(slot), :, :3, :3]
-            local = np.einsum("nji,knj->kni", turn, np.stack([force, np.cross(centre, force)]))
-            for kind, values in zip(("force", "moment"), local, strict=True):
-                out |= {f"{kind}_{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
-        for rotation in self.rotations:
-            out[f"torque_{rotation.name}"] = out[f"moment_{rotation.name}_{rotation.axis}"]
-        return out
+        return self.arm.loads(q, payload)
 
 
 def turn(points: Array, axis: int, angle: Array) -> Array:
