@@ -21,7 +21,9 @@ from gpmodel.table.dataset import Readings
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Attach the payload at the tool point, estimated by a fit of registration and tool alone.
 
-    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or it was built in Python.
+    Several tools share one centre of mass c, with the least sum of squared moment errors Σ m² |c - t|² over the poses:
+    m is the payload of a pose, t its tool point. The mechanism is unchanged if a centre of mass is given, no pose has a
+    payload, or it was built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
@@ -43,8 +45,9 @@ def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
 
 
 def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
-    fit = calibrate(ErrorModel(mechanism, ()), poses)
-    return np.asarray(np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0))
+    fit, carried = calibrate(ErrorModel(mechanism, ()), poses), poses.dataset.payload
+    points = np.array([fit.placement.tool[name][:3, 3] for name in poses.dataset.label("tool").tolist()])
+    return np.asarray(np.average(points, axis=0, weights=carried**2 if np.any(carried) else None))
 
 
 FITS = 2

@@ -261,7 +261,8 @@ def _loads(mechanism: Mechanism, data: Dataset) -> str:
     carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
     known = bool(mechanism.loads(data.q[:1], np.zeros(1)))
     masses = "masses of the links are known" if known else "no masses of the links are known"
-    return f"{masses}; the tool carries {carried}"
+    shared = ", whose centre of mass is one point for all tools" if heaviest and len(data.codes("tool")[0]) > 1 else ""
+    return f"{masses}; the tool carries {carried}{shared}"
 
 
 def _wanted(mechanism: Mechanism, data: Dataset, counts: tuple[int, int], floor: float | None) -> Iterator[str]:

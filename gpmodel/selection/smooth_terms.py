@@ -209,10 +209,11 @@ class SiteProducts:
         S = XᵀC⁻¹X and b = XᵀC⁻¹y are the products of the columns X of functions with these values. The last pivot of
         the Cholesky factor of M bordered by √a b and a number c is √(c - a bᵀM⁻¹b)."""
         sites, poses, size = *self.rhs.shape, values.shape[1]
-        single = values.astype(np.float32)  # its rounding, 1e-7 of S, moves no rank
+        single = values.astype(np.float32)  # its rounding is 1e-7 of the energy before the model is projected out
         there = (self.single.reshape(-1, poses) @ single).reshape(sites, poses, -1)
         inner, rhs = (single.T @ there).astype(float) / sigma2, self.rhs @ values / sigma2
-        variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-300)
+        energy = np.diagonal(self.inner, axis1=1, axis2=2) @ np.sum(values**2, axis=1) / sigma2
+        variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-3 * energy + 1e-300)
         border = np.sqrt(variance)[:, None] * rhs
         corner = 1.0 + np.sum(border**2, axis=1)
         bordered = np.zeros((len(inner), size + 1, size + 1))

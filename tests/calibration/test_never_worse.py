@@ -206,6 +206,24 @@ def test_the_payload_hangs_where_registration_and_tool_alone_put_the_point() -> 
     assert ARM.choice.payload_com is None
 
 
+@pytest.mark.parametrize(("masses", "share"), [((0.0, 20.0), 1.0), ((3.0, 21.0), 0.98), ((20.0, 20.0), 0.5)])
+def test_several_tools_share_the_centre_that_suits_the_heavy_one(masses: tuple[float, float], share: float) -> None:
+    """The share of the second tool in the centre is its share in the squared masses, 21² / (3² + 21²) = 0.98."""
+    truth = measure("irb6400r", (), (), 1, geometry=0.0, dataset=bare("irb6400r", 60, 1))
+    second, data = np.arange(60) % 2 == 1, truth.poses.dataset
+    points = [truth.placement.tool[""][:3, 3] + shift for shift in (np.zeros(3), np.array([0.2, -0.1, 0.1]))]
+    tips = [
+        observe(truth.model, truth.poses, truth.theta, replace(truth.placement, tool={"": se3.shift(point)})).tip
+        for point in points
+    ]
+    position = np.where(second[:, None], *(tip[:, :3, 3] for tip in reversed(tips)))
+    labels = {**data.labels, "tool": np.where(second, "B", "A")}
+    table = replace(data, position=position, labels=labels, payload=np.array(masses)[second.astype(int)])
+    arm, _ = hang_payload(ARM, prepare(ARM, table))
+    assert isinstance(arm, LoadedMechanism)
+    assert arm.choice.payload_com == pytest.approx(points[0] + share * (points[1] - points[0]), abs=1e-4)
+
+
 @pytest.mark.parametrize("kind", ["nothing carried", "centre given", "built in Python"])
 def test_nothing_changes_where_nothing_is_carried_or_its_centre_is_known(kind: str) -> None:
     poses = measure("irb6400r", (), (), 1, geometry=0.0, dataset=bare("irb6400r", 60, 1)).poses

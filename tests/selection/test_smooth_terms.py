@@ -103,3 +103,18 @@ def test_the_screening_in_single_precision_ranks_as_in_double() -> None:
     solved = np.linalg.solve(m, rhs[:, :, None])[:, :, 0]
     wanted = 0.5 * variance * np.sum(rhs * solved, axis=1) - 0.5 * np.linalg.slogdet(m)[1]
     np.testing.assert_allclose(places.screened(values, active.sigma2), wanted, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_term_that_the_model_absorbs_gains_nothing_and_ends_no_search(seed: int) -> None:
+    """A column of two values, such as the payloads of two tools, at the tool point that each tool has of its own."""
+    rng, poses = np.random.default_rng(seed), 140
+    reach, second = rng.normal(size=(40, poses, 3)), rng.integers(2, size=poses)
+    inner = []
+    for one in reach:
+        own = np.linalg.qr((one[:, :, None] * np.eye(2)[second][:, None]).reshape(-1, 2))[0].reshape(poses, 3, 2)
+        sums = np.einsum("ni,nik->nk", one, own)
+        inner.append(np.diag(np.sum(one**2, axis=1)) - sums @ sums.T)
+    places = SiteProducts(np.arange(poses), np.array(inner), np.zeros((40, poses)))
+    gains = places.screened(np.column_stack([3.0 + 19.0 * second, 2.0 - second]), 1.0)
+    assert np.all(np.abs(gains) < 0.1)
