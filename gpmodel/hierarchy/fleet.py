@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
-from functools import partial
 
 import msgspec
 import numpy as np
@@ -12,7 +11,7 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.hierarchy import block
-from gpmodel.hierarchy.between import Deviations, TypeDistribution, deleted_residuals, deviations, estimate_spread
+from gpmodel.hierarchy.between import Deviations, deviations
 from gpmodel.hierarchy.record import NOISE, BlockPart, FleetPart, SharedPart, prior_parts
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -141,7 +140,7 @@ class Fleet:
     effects: tuple[Effect, ...]
     values: Array
     stderr: Array
-    shared: tuple[TypeDistribution, ...]
+    shared: tuple[block.TypeDistribution, ...]
     blocks: tuple[BlockPart, ...]
     deviations: Deviations
     undetermined: tuple[str, ...]
@@ -172,15 +171,14 @@ def calibrate_fleet(
     values = np.array([[*fit.theta[: len(bare)][bare], np.log(fit.sigma)] for fit in own])
     stderr = np.array([[*fit.stderr[: len(bare)][bare], 1.0 / np.sqrt(2.0 * fit.freedom)] for fit in own])
     groups = block.blocks(common)
-    information = [block.block_information(own, group) for _, group in groups]
-    alike = [partial(deleted_residuals, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
-    found = deviations([*alike, *(partial(block.deleted_distances, of) for of in information)], len(machines))
-    shared = tuple(
-        estimate_spread(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False)
-    )
+    alike = [block.parameter_information(v, e) for v, e in zip(values.T, stderr.T, strict=True)]
+    told = [*alike, *(block.block_information(own, group) for _, group in groups)]
+    found = deviations(told, len(machines))
+    spreads = [block.type_distribution(of.subset(i)) for of, i in zip(told, found.inside.T, strict=True)]
+    shared, of_blocks = tuple(spreads[: len(alike)]), spreads[len(alike) :]
     spread = tuple(
-        BlockPart(name, prior_parts(group), *block.block_spread(of.subset(found.inside[:, k])), *_of_machines(found, k))
-        for k, ((name, group), of) in enumerate(zip(groups, information, strict=True), len(shared))
+        BlockPart(name, prior_parts(group), of.spread, of.low, of.high, *_of_machines(found, k))
+        for k, ((name, group), of) in enumerate(zip(groups, of_blocks, strict=True), len(alike))
     )
     plain = tuple(effect for effect, k in zip(common, bare, strict=True) if k)
     names = [*({e.name} for e in plain), set(), *({e.name for e in of.effects} for of in spread)]
@@ -224,7 +222,8 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
         out.append(
             SharedPart(
                 name=effect.name, unit=effect.unit, constant=effect.constant and effect != noise,
-                mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
+                mean=float(of.mean[0]), stderr=float(np.sqrt(of.covariance[0, 0])),
+                spread=of.spread, low=of.low, high=of.high,
                 values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
                 shrunken=tuple(v for v, _ in both), shrunken_stderrs=tuple(e for _, e in both),
                 z=z, chances=chances, outliers=outliers,

@@ -17,8 +17,7 @@ from gpmodel.calibration.priors import off_mean
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
-from gpmodel.hierarchy.between import residual
-from gpmodel.hierarchy.block import further_distance
+from gpmodel.hierarchy.block import distance, further_distance, parameter_information
 from gpmodel.hierarchy.record import FleetPart, Part, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -250,11 +249,11 @@ def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Po
     at = {e.name: k for k, e in enumerate(alone.model.effects)}
     parts: tuple[Part, ...] = (*fleet.effects, *fleet.blocks)
     others = [len(fleet.machines) - len(part.outliers) for part in parts]
+    k = [at[p.name] for p in fleet.effects]
+    told = parameter_information(alone.theta[k], alone.stderr[k] * noise / alone.sigma)
     chances = [
-        residual(
-            alone.theta[at[p.name]], (alone.stderr[at[p.name]] * noise / alone.sigma) ** 2, p.mean, p.prior, count
-        )[1]
-        for p, count in zip(fleet.effects, others, strict=False)
+        distance(told, i, np.array([p.mean]), np.array([[p.prior**2]]), count)[1]
+        for i, (p, count) in enumerate(zip(fleet.effects, others, strict=False))
     ]
     if fleet.blocks:
         fit = calibrate(replace(alone.model, noise=noise), poses, condition_limit=LARGEST_LIMIT)

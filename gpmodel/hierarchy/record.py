@@ -216,7 +216,7 @@ class BlockPart(msgspec.Struct, frozen=True):
 
     effects: effects of the block with their own priors.
     spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
-    z: RMS distance of each machine from the others in the directions that its poses determine.
+    z: RMS distance of each machine from the others in the directions that its poses determine, of one effect with sign.
     chances, outliers: p-value of the distance of each machine, and numbers of outlying machines.
     """
 

@@ -1,7 +1,7 @@
 """Mean and spread between machines, and who stands out, on numbers drawn with known truth."""
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +16,8 @@ from gpmodel.evidence.score import scores
 from gpmodel.executor import ALONE
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
-from gpmodel.hierarchy.between import Deviations, deleted_residuals, deviations, estimate_spread
+from gpmodel.hierarchy.between import Deviations, deviations
+from gpmodel.hierarchy.block import TypeDistribution, parameter_information, type_distribution
 from gpmodel.hierarchy.fleet import Information, _expectation_maximisation
 from gpmodel.hierarchy.found import (
     FindingsFile,
@@ -44,9 +45,13 @@ def drawn(seed: int, spread: float, machines: int = MACHINES) -> tuple[np.ndarra
     return 5.0 + rng.normal(size=variances.shape) * np.sqrt(variances + spread**2), variances
 
 
+def estimate_spread(values: np.ndarray, variances: np.ndarray) -> TypeDistribution:
+    return type_distribution(parameter_information(values, np.sqrt(variances)))
+
+
 def judged(values: np.ndarray, variances: np.ndarray) -> Deviations:
     return deviations(
-        [partial(deleted_residuals, v, s) for v, s in zip(values.T, variances.T, strict=True)], len(values)
+        [parameter_information(v, np.sqrt(s)) for v, s in zip(values.T, variances.T, strict=True)], len(values)
     )
 
 
@@ -56,7 +61,7 @@ def test_mean_and_spread_are_covered_as_often_as_they_say(spread: float) -> None
     for seed in range(FLEETS):
         values, variances = drawn(seed, spread)
         found += [estimate_spread(values[:, k], variances[:, k]) for k in range(PARAMETERS)]
-    t = np.abs([(b.mean - 5.0) / b.stderr for b in found])
+    t = np.abs([(b.mean[0] - 5.0) / np.sqrt(b.covariance[0, 0]) for b in found])
     inside = [b.low <= spread <= b.high for b in found]
     sure = 3.0 * np.sqrt(0.05 * 0.95 / len(found))
     assert np.mean(t < stats.t.ppf(0.975, MACHINES - 1)) > COVERAGE - sure
@@ -85,7 +90,7 @@ def test_planted_outliers_are_found_and_hide_no_other(others: tuple[int, ...]) -
     assert found.z[7, 2] > 0
     clean = np.delete(values[:, 2], 7)
     of = estimate_spread(clean, np.delete(variances[:, 2], 7))
-    assert abs(of.mean - 5.0) < 3.0 * of.stderr
+    assert abs(of.mean[0] - 5.0) < 3.0 * np.sqrt(of.covariance[0, 0])
 
 
 def test_of_three_machines_none_stands_out() -> None:

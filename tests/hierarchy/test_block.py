@@ -1,13 +1,11 @@
 """Effects with priors, judged together between machines, on numbers drawn with known truth."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from gpmodel.hierarchy.between import deviations
-from gpmodel.hierarchy.block import BlockInformation, block_spread, deleted_distances
+from gpmodel.hierarchy.block import BlockInformation, type_distribution
 from gpmodel.numerics.interval import SIGNIFICANCE
 
 FLEETS, MACHINES, EFFECTS = 20, 8, 6
@@ -34,20 +32,20 @@ def drawn(seed: int, spread: float, differing: int = EFFECTS, odd: int | None = 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_the_spread_is_covered_as_often_as_it_says(spread: float) -> None:
-    found = [block_spread(drawn(seed, spread)) for seed in range(FLEETS)]
-    inside = sum(low <= spread <= high for _, low, high in found)
+    found = [type_distribution(drawn(seed, spread)) for seed in range(FLEETS)]
+    inside = sum(of.low <= spread <= of.high for of in found)
     assert stats.binomtest(inside, FLEETS, 0.95, alternative="less").pvalue > 0.001
-    assert np.sqrt(np.mean([s**2 for s, _, _ in found])) == pytest.approx(spread, rel=0.2, abs=0.05)
+    assert np.sqrt(np.mean([of.spread**2 for of in found])) == pytest.approx(spread, rel=0.2, abs=0.05)
 
 
 @pytest.mark.parametrize("differing", [1, EFFECTS])
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_innocent_machines_stand_out_no_more_often_than_stated(spread: float, differing: int) -> None:
-    found = [deviations([partial(deleted_distances, drawn(k, spread, differing))], MACHINES) for k in range(2 * FLEETS)]
+    found = [deviations([drawn(k, spread, differing)], MACHINES) for k in range(2 * FLEETS)]
     false = sum(not of.inside.all() for of in found)
     assert stats.binomtest(false, len(found), SIGNIFICANCE, alternative="greater").pvalue > 0.001
 
 
 def test_a_planted_machine_is_found() -> None:
-    found = deviations([partial(deleted_distances, drawn(0, 0.1, odd=5))], MACHINES)
+    found = deviations([drawn(0, 0.1, odd=5)], MACHINES)
     assert np.flatnonzero(~found.inside[:, 0]).tolist() == [5]
