@@ -1,4 +1,4 @@
-"""Common parts of the Chapter 5 experiments: the Cartesian problem of Fig 5.2, hand-made models, paths of results."""
+"""Define the Cartesian problem of Fig 5.2, hand-made models, and paths of results of Chapter 5."""
 
 from __future__ import annotations
 

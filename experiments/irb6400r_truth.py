@@ -1,4 +1,4 @@
-"""An IRB 6400R whose truth the model is not told: Chapter 5 of Robertson (2003) as a simulation.
+"""Simulate IRB 6400R robots with undeclared effects, for Chapter 5 of Robertson (2003).
 
 The arm bends at its base, about joint 5 and about joint 4; every joint is eccentric; its geometry is a little off.
 The thesis prints none of these sizes. Those below are chosen so that a standard model ends near the thesis' 1.3 mm.

@@ -1,4 +1,4 @@
-"""Common parts of the experiments on measured robots: import, a sample, the loop, errors on all held-out poses."""
+"""Import, sample, search and test a measured robot."""
 
 import argparse
 import sys

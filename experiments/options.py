@@ -1,4 +1,4 @@
-"""Options and command line of the experiments."""
+"""Read the options of the experiments."""
 
 import argparse
 import shlex

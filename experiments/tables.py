@@ -1,4 +1,4 @@
-"""Tables of a README, written by the command whose results they show."""
+"""Write the tables of a README from the results of its command."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

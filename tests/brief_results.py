@@ -1,4 +1,4 @@
-"""Results with one picture and no lookup grid: the rest of those is most of what a small run has to write."""
+"""Write results with one picture and no lookup grid, because both take most of the time of a small run."""
 
 import math
 from collections.abc import Iterator

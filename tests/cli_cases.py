@@ -1,4 +1,4 @@
-"""Running the program and making tables for the tests of its commands."""
+"""Run the program and make tables for the tests of the commands."""
 
 from pathlib import Path
 

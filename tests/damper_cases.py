@@ -1,4 +1,4 @@
-"""A spring, mass and damper with its textbook formulas, to hold the general code to."""
+"""Textbook formulas of a spring, mass and damper, compared with the general code."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A small search as a program of its own, stopped in its writing or killed from outside."""
+"""Run a small search in a process that is stopped during writing or killed from outside."""
 
 import json
 import os

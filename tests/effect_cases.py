@@ -1,4 +1,4 @@
-"""The table the core is tested over: mechanisms, and measured poses of them with any effects planted."""
+"""Mechanisms, and measured poses of them with any simulated effects."""
 
 import tempfile
 from collections.abc import Sequence

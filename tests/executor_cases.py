@@ -1,4 +1,4 @@
-"""Workers as far away as workers can be."""
+"""Executors whose workers run in other processes or lose their tasks."""
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Models that are exported, their points and poses."""
+"""Models for export, with their points and poses."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A small choice of groups that the tests of it share."""
+"""A small selection of groups for the tests of the selection."""
 
 from collections.abc import Sequence
 from dataclasses import replace

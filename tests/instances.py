@@ -1,4 +1,4 @@
-"""Tables of instances: a few in the default suite, all of them in the long one."""
+"""Choose a few test instances in the default suite, and all in the long suite."""
 
 from collections.abc import Iterable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tables of instruments that read no points, with known truth."""
+"""Tables of instruments that measure no positions, with known true values."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""LaTeX as our printer writes it, read back as a formula: by its notation alone."""
+"""Read exported LaTeX as a formula, by its notation alone."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Robots with one undeclared effect, and the whole loop run on them with a small search."""
+"""Robots with one undeclared effect, and the whole search on them with small settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Calibrations of a robot that are saved and read back."""
+"""Calibrations of a robot that are saved and read again."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Reports of small real runs, each made once a session: what the tests of pages, texts and files read."""
+"""Reports of small searches, made once per session, for the tests of pages, texts and files."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Ninety poses of a robot with one catalogue effect that the model lacks, and what speaks for each candidate."""
+"""Ninety poses of a robot with one catalogue effect that the model lacks, and the gain of each candidate."""
 
 from collections.abc import Sequence
 from functools import cache

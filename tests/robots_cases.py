@@ -1,4 +1,4 @@
-"""Robots the tests run over, and forward kinematics built from nothing but a mechanism's transforms."""
+"""Robots for the tests, and forward kinematics computed from the transforms of a mechanism alone."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Simulated rigs of the spherical joint with one undeclared effect each, and an oracle told its form."""
+"""Simulated rigs of the spherical joint with one undeclared effect each, and an oracle that is given its form."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

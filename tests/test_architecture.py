@@ -1,4 +1,4 @@
-"""Direction of imports, read from the source."""
+"""Test the direction of imports between packages, read from the source."""
 
 import ast
 import os

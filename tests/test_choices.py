@@ -1,4 +1,4 @@
-"""A name that is none: answered with those most like it, in one short line."""
+"""Test that an unknown name is answered with the most similar names in one short line."""
 
 import doctest
 

@@ -1,4 +1,4 @@
-"""A dask scheduler that is silent, has no workers, or is gone: one line within a limit."""
+"""Test that a dask scheduler without answer, without workers or shut down gives one line within a time limit."""
 
 import socket
 import subprocess

@@ -1,4 +1,4 @@
-"""The table of constants: every number with a name has a source."""
+"""Test that every named numeric constant has a source in the table of constants."""
 
 import ast
 import csv

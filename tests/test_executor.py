@@ -1,4 +1,4 @@
-"""Tasks side by side: every result with its place, the same numbers wherever they ran, and lost workers replaced."""
+"""Test that parallel tasks return equal numbers in the order of the tasks, and that lost workers are replaced."""
 
 import json
 import os

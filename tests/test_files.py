@@ -1,4 +1,4 @@
-"""Files are whole or not there, of one process at a time, and drafts of the dead are swept away."""
+"""Test that files are written whole by one process at a time, and that drafts of ended processes are deleted."""
 
 import errno
 import os

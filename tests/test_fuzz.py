@@ -1,4 +1,4 @@
-"""Texts made of good ones by a few edits: every reader of files reads them or refuses them in one line."""
+"""Test that every reader of files reads an edited text or refuses it in one line."""
 
 from collections.abc import Mapping
 from functools import cache

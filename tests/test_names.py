@@ -1,4 +1,4 @@
-"""Names are for people: what is chosen, kept or written does not hang on how a name is spelt."""
+"""Test that no decision of the code depends on the spelling of a name."""
 
 import ast
 from pathlib import Path

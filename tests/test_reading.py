@@ -1,4 +1,4 @@
-"""Files from outside end: devices, pipes and what is too large are refused without being read."""
+"""Test that devices, pipes and too large files are refused without being read."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""The shape of the source: lengths, parameters, and where the tests lie."""
+"""Test lengths of files and functions, numbers of parameters, and the places of the tests."""
 
 import ast
 import inspect

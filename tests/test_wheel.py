@@ -1,4 +1,4 @@
-"""The wheel holds what the tree holds: an installed package works as a checkout does."""
+"""Test that an installed package contains every file of the checkout."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""Two arms on one torso, as URDF."""
+"""URDF of two arms on one torso."""
 
 import re
 

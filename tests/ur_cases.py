@@ -1,4 +1,4 @@
-"""An arm of ur_description, as urdf/ur_macro.xacro builds it from a kinematics file."""
+"""An arm of ur_description, built from a kinematics file as by urdf/ur_macro.xacro."""
 
 from collections.abc import Mapping
 

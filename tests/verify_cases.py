@@ -1,4 +1,4 @@
-"""A calibrated robot, and what an instrument at another place reads of it later."""
+"""A calibrated robot, and later measurements of the robot by an instrument at another place."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Count the values of a wrong kind as arguments of the Python interface that end in something else than InputError.
+"""Count wrong arguments of the Python interface that raise another exception than InputError.
 
 Bad: another exception, more than one line, or 30 s of CPU. A value that is taken is no fault here.
 From the root of the repository: python -m experiments.attacks.api [--cases 600] [--seed 0] [--out FOLDER]

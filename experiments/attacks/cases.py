@@ -1,4 +1,4 @@
-"""Hostile values at every place that the program reads: classes by fields by commands."""
+"""Generate hostile values for every place that gpmodel reads: classes by fields by commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Count the hostile inputs that end neither in one clear line nor in a right result, over every place of input.
+"""Count hostile inputs that end neither in one clear line nor in a correct result.
 
 Bad: a traceback, a "defect of gpmodel" (status 1), more than one line of refusal, 30 s of CPU, code of the value that
 ran, an escape sequence or a forged verdict on the terminal.

@@ -1,4 +1,4 @@
-"""Measure the influence of a constant: a few robots of the bench with half of it, and with double.
+"""Measure the influence of a constant on a few robots of the bench, at half and double of its value.
 
 From the root: python -m experiments.bench.constants selection/group.py:READABLE evidence/criteria.py:Criteria.tie
 Files are below gpmodel/. A value copied into the default of a function's argument, or into a compiled kernel, stays.

@@ -1,4 +1,4 @@
-"""Four fixed reports, for changes that move code and should change no number.
+"""Compare four reports before and after a change that should change no number.
 
 From the root of the repository: python -m experiments.bench.fixed
 Compares report.json of the demo and of three small robots with fixed.json, without times, versions and paths; ends with

@@ -1,4 +1,4 @@
-"""One robot of the bench: discover on its table, 3-D rms at fresh poses over an oracle told the form of the effect."""
+"""Compute the error of `discover` on one robot of the bench, over the error of an oracle."""
 
 from __future__ import annotations
 

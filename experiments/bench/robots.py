@@ -1,4 +1,4 @@
-"""The robots of the bench: undeclared effects, random formulas, and robots without an undeclared effect.
+"""List the robots of the bench: undeclared effects, random formulas, and robots without an effect.
 
 Each robot costs a few seconds. `why` names the decision of the selection that it once broke, or the kind it covers.
 """

@@ -1,4 +1,4 @@
-"""A bench for changes of the search: error over the oracle, names, false additions and seconds on seventy robots.
+"""Compare a changed search on seventy robots: error over the oracle, names, false findings, seconds.
 
 From the root of the repository: python -m experiments.bench.run --jobs 2
 Prints the robots that differ from those of `--against` and one line of counts; ends with 1 where one became worse.

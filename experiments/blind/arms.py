@@ -1,4 +1,4 @@
-"""Fourteen machines, as modified Denavit-Hartenberg rows with link masses: sizes of real ones, details of none.
+"""Describe fourteen simulated machines by modified Denavit-Hartenberg rows and link masses.
 
 Ten arms, one of them on a tilted foot; a rail, a lift and a gantry that carry one; a selective compliance arm.
 """

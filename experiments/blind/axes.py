@@ -1,4 +1,4 @@
-"""Errors of linear axes, under the names of ISO 230-1: straightness, pitch, yaw and roll, cyclic positioning.
+"""Simulate errors of linear axes by ISO 230-1: straightness, pitch, yaw and roll, cyclic positioning.
 
 A scale error of the positioning (the screw's pitch) is `gear_ratio`.
 """

@@ -1,4 +1,4 @@
-"""Specification of a blind robot, and the table of all of them.
+"""Define the specification of a blind robot, and the table of all specifications.
 
 `size` is the 3-D rms in millimetres that an undeclared effect leaves after the standard model has been fitted to
 noise-free poses.  `noise` is the standard deviation of one coordinate.  The aside cases are for a last look only.

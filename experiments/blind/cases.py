@@ -1,4 +1,4 @@
-"""All blind robots by name; those of one effect or two, and of many, are in files of their own."""
+"""List all blind robots by name."""
 
 from __future__ import annotations
 

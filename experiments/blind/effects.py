@@ -1,4 +1,4 @@
-"""Errors of a blind robot, one effect a kind: shapes in and out of any catalogue."""
+"""Simulate errors of a blind robot, one effect per kind, inside and outside the catalogue."""
 
 from __future__ import annotations
 

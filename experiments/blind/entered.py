@@ -1,4 +1,4 @@
-"""Any method on blind robots, through the plug of `experiments.methods`, judged against exact positions."""
+"""Run any method of `experiments.methods` on blind robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots with several effects at once, and cobots with an error curve on every joint."""
+"""List robots with several effects, and cobots with an error curve on every joint."""
 
 from __future__ import annotations
 

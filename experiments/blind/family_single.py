@@ -1,4 +1,4 @@
-"""Robots with one effect or two, and innocent ones: eighty poses, as a careful user measures them."""
+"""List robots with one effect, two effects or none, measured at about eighty poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of one blind robot: its description, its table, fresh poses, the truth."""
+"""Write the files of a blind robot: description, table, new poses, true values."""
 
 from __future__ import annotations
 

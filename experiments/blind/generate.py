@@ -1,4 +1,4 @@
-"""From a case and a seed to one blind robot."""
+"""Generate a blind robot from a specification and a seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the instrument, a laser tracker at the origin of its own frame with z along its standing axis.
+"""Simulate errors of a laser tracker at the origin of its frame, with z along its standing axis.
 
 p = r (cos el cos az, cos el sin az, sin el).  An effect of the robot in their place is wrong.
 """

@@ -1,4 +1,4 @@
-"""Errors of the geometric fit and of the oracle on one blind robot."""
+"""Compute the errors of the geometric fit and of the oracle on one blind robot."""
 
 from __future__ import annotations
 

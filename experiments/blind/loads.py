@@ -1,4 +1,4 @@
-"""Compliance where nobody knows the masses, knows wrong ones, or has the torque measured."""
+"""Simulate compliance with unknown masses, wrong masses, or measured torques."""
 
 from __future__ import annotations
 

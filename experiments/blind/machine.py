@@ -1,4 +1,4 @@
-"""Simulated machine: the arm with its errors, its placement, and the measured targets."""
+"""Simulate a machine: arm with errors, registration, measured targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects of what happened before: the way a joint came, what it wound up, what has warmed since.
+"""Simulate effects of earlier poses: backlash, friction, warm-up.
 
 The rows are in the order of measurement.  A robot comes from somewhere before its first row, which neither an oracle
 nor a user knows: they take it that nothing had moved.  What winds up has come to rest before the first row.

@@ -1,4 +1,4 @@
-"""Least squares told everything but the numbers: registration, tool, six small motions a joint, the effects' forms.
+"""Fit a blind robot with the true form of its effects (the oracle).
 
 Unknowns: rotation and translation of the registration (6), tool point (3), a constant small motion of the frame of
 every joint (6 n), one amount for every column of the effects.  Gauss-Newton; the columns are scaled to unit length and

@@ -1,4 +1,4 @@
-"""Ask the product about one blind robot, as its user would, and grade what it says."""
+"""Run gpmodel on one blind robot like a user, and grade the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One blind robot: what its user has, and what is true."""
+"""Define one blind robot: the files of its user, and the true values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Give blind robots to the product and compare what it finds with an oracle that is told the effect's form.
+"""Compare `discover` on blind robots with an oracle that is given the form of the effect.
 
 From the root of the repository: python -m experiments.blind.run --set open --family memory,masses --results FILE
 Results are saved after every robot and a table a family beside them; started again, it leaves out the robots that FILE

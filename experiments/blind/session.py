@@ -1,4 +1,4 @@
-"""Measurement session of a robot: poses and their order, extra columns, and noise."""
+"""Simulate a measurement session: poses and their order, further columns, noise."""
 
 from __future__ import annotations
 

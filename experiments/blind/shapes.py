@@ -1,4 +1,4 @@
-"""The form of what is wrong with a blind robot.
+"""Define the forms of the errors of a blind robot.
 
 An effect is a small motion, in metres and radians, at one or more frames, or a shift of what the instrument reads.
 `true` is what the robot does, per unit; `basis` is what an oracle told the form would fit (phase known up to a sine and

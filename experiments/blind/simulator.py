@@ -1,4 +1,4 @@
-"""A robot made of plain 4x4 products, for judging models it shares no code with.
+"""Simulate a robot by plain 4x4 products, without code of gpmodel.
 
 Modified Denavit-Hartenberg rows (alpha, a, d, theta0) give the fixed placement of every joint,
 

@@ -1,4 +1,4 @@
-"""The catalogue alone, genetic programming alone, and both as they are shipped, on the same blind robots.
+"""Compare the catalogue alone, genetic programming alone, and both on equal blind robots.
 
 From the root of the repository: python -m experiments.blind.ways --first-seed 10 --results FILE
 Robots are taken one after the other, each in all ways, so that the table is even wherever it is stopped; started again,

@@ -1,4 +1,4 @@
-"""Robots of the IRB 6400R's size that bend until gravity and springs balance, written without a line of gpmodel.
+"""Simulate elastic robots of the size of an IRB 6400R, without code of gpmodel.
 
 The flange is at  E(u) * prod_i O_i R_i(angle_i)  with E the tilt of the base and O_i the placement of joint i, a little
 off from its nominal one. The springs are at the base (about x and y), in joint 4 and in joint 5. Their deflections u

@@ -1,4 +1,4 @@
-"""Fig 5.8 with a truth from outside: does what the tip's programs learn, or the slots', hold on poses not seen?
+"""Repeat Fig 5.8 on an independent simulator: errors of evolved programs at new poses.
 
 The robots of `chapter5_outside.run`, the searches of `extrapolation.run`.
 From the root of the repository: python -m experiments.chapter5_outside.extrapolation [--seeds 20] [--rounds 4]

@@ -1,4 +1,4 @@
-"""Chapter 5 with a truth from outside: elastic robots, handed to `discover` and `calibrate` as measured tables.
+"""Repeat Chapter 5 on an independent simulator: elastic robots for `discover` and `calibrate`.
 
 python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--processes 2]
 """

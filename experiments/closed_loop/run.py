@@ -1,4 +1,4 @@
-"""Does `gpmodel compensate` bring a robot it shares no code with where it should be?
+"""Measure the error of `gpmodel compensate` on a robot that shares no code with gpmodel.
 
 Blind robots, measured once, calibrated with their effect named; then targets over the whole range, and targets with the
 wrist within two degrees of singular. The independent simulator moves to the corrected joint values and says where the

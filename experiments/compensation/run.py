@@ -1,4 +1,4 @@
-"""The trimmed and simplified equation of an evolved compensator, and what it adds at each position (thesis Fig 5.10).
+"""Print the simplified equation of an evolved compensator, and its motion at each position (Fig 5.10).
 
 Smooth operators only, x, y and z as inputs, root-mean-square fitness and a price on length: on top of registration
 alone, of the standard model, and of all that the loop finds but the base compliance. Beside them that base compliance:

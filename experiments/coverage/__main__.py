@@ -1,4 +1,4 @@
-"""Are the ± right, is nothing found where nothing is, and is what is shipped never worse?
+"""Measure the coverage of intervals, false findings, and models worse than the standard model.
 
 From the root of the repository: python -m experiments.coverage --family known,dependent --seeds 6 --out FILE
 `--quick`: one robot of each case and groups alone, without genetic programming. Results are saved after every robot;

@@ -1,4 +1,4 @@
-"""Everything that is printed of one machine with a ±, against what is true."""
+"""Compare all printed numbers of a machine and their ± with the true values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is a ± kept whatever instrument measured? Robots of `experiments.instruments`, with their effect declared.
+"""Measure the coverage of ± for every instrument of `experiments.instruments`.
 
 From the root of the repository: python -m experiments.coverage.by_instrument --robots 20 --out FILE
 *effect*: (|value| - true amount) / ±. *geometry*: (value - that of a fit to exact readings) / ±, of a tracker and

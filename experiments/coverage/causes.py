@@ -1,4 +1,4 @@
-"""Coverage of registration, tool and geometry over what a finding could equally be, and by the stated fit alone.
+"""Measure the coverage of intervals over all causes of a finding, and of the stated fit alone.
 
 From the root of the repository: python -m experiments.coverage.causes --arms 100 --rigs 20 --out FILE
 Arms of an undeclared effect about as large as the noise, and rigs of a ball with lobes, on its axis and off it. An arm

@@ -1,4 +1,4 @@
-"""Fleets of machines of one type, nothing wrong with any: does one stand out, do means and spreads hold?
+"""Measure outlying machines, means and spreads of fleets of sound machines.
 
 The geometric errors of a machine are those of its type and a normal deviation; type and machine are drawn by the blind
 simulator, which shares no code with the product.

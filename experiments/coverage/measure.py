@@ -1,4 +1,4 @@
-"""One blind robot given to the product: what was claimed, how far off, and how sure it was."""
+"""Run gpmodel on one blind robot and record its numbers, their errors and their ±."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear propagation beside a Monte Carlo over the readings: do the printed σ hold where the model bends?
+"""Compare linear propagation of errors with a Monte Carlo over the readings.
 
 From the root of the repository: python -m experiments.coverage.monte_carlo --machines 0,1,11 --worlds 60 --out FILE
 Every world measures the fitted model anew, with its own noise, and fits it again. Source: JCGM 101 (2008), 8: linear

@@ -1,4 +1,4 @@
-"""Does everything that is printed with a ± or as an interval hold? Machines by number, a stratum after the other.
+"""Measure the coverage of every printed ± and interval, over strata of simulated machines.
 
 From the root of the repository: python -m experiments.coverage.printed --machines 300 --out FILE
 Started again it leaves out the machines that FILE has; `--of fleets` asks whole fleets of innocent machines instead.

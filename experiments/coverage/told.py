@@ -1,4 +1,4 @@
-"""Least squares told the form of every effect, on the same table: what the draw of its noise leaves to anybody."""
+"""Fit a table by least squares with the true form of every effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Truth of a machine in the gauge of a fit, and new poses for tests."""
+"""Compute the true values of a machine for the unknowns of a fit, and new test poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distance of each export from `gpmodel predict` at the joint values of the controller.
+"""Measure the distance of each export from `gpmodel predict` at the joint values of the controller.
 
 First simulated arms with two effects beside their geometry, 80 poses, a calibration with the effects named; the rows
 are those of the page. Then arms of every kind with geometric errors alone, so that a file is either predict to a

@@ -1,4 +1,4 @@
-"""Error of evolved compensators on unseen poses (thesis Fig 5.8), in Cartesian and in slot space.
+"""Measure evolved compensators at new poses (Fig 5.8), in Cartesian and in slot space.
 
 Both searches read x, y, z and J1 to J6 at 40 poses of the standard model. The Cartesian one changes the tip; the slot
 one bends the chain at whichever slot a program fits best, one program a round, everything refitted after each.

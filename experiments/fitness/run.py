@@ -1,4 +1,4 @@
-"""Best fitness against generation, linear sequence and binary tree (thesis Fig 5.7).
+"""Compute the best fitness by generation, for sequences and trees (Fig 5.7).
 
 Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
 Each run is done again on errors shuffled over the poses.

@@ -1,4 +1,4 @@
-"""Machines of one type in the independent simulator: what they share, how they spread, and one that is worn."""
+"""Simulate machines of one type: common errors, spread, and one worn machine."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

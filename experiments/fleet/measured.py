@@ -1,4 +1,4 @@
-"""A measured UR10 as four sessions: series A in three parts of four hours, and series D eight months later.
+"""Calibrate four sessions of a measured UR10 as a fleet.
 
 Do the sessions share their parameters, and what are poses of series D worth with the prior of the three others?
 From the root of the repository, with the files of experiments/ur10_measured:

@@ -1,4 +1,4 @@
-"""The six steps of thesis section 5.2.4 in one file to read and change, and a look back after each round.
+"""Run the six steps of thesis section 5.2.4 in one file, with an exchange after each round.
 
 From the root of the repository: python -m experiments.framework.run [--rounds 4] [--runs 8] [--population 512]
 [--generations 30] [--out FOLDER]

@@ -1,4 +1,4 @@
-"""Hexapods with a bad screw in one leg, which nobody declared: does the loop name the leg and the effect?
+"""Test if `discover` names the leg and the cyclic error of a hexapod with a bad screw.
 
 python -m experiments.hexapod.run [--machines 10] [--innocent 5] [--out FOLDER]
 """

@@ -1,4 +1,4 @@
-"""A hexapod with errors, written without a line of gpmodel: poses first, then the lengths its encoders read.
+"""Simulate a hexapod with errors, without code of gpmodel: leg lengths from given poses.
 
 Where the platform is chosen no loop has to be closed: the true length of a leg is the distance of its two balls,
 wherever they really are, and the encoder reads it less its own error; the screw of one leg errs once a turn.

@@ -1,4 +1,4 @@
-"""Inputs that evolved programs reference, compared with the null distribution (thesis Figs 5.9 and 5.12).
+"""Count the inputs of evolved programs, compared with the null distribution (Figs 5.9 and 5.12).
 
 Two searches, each repeated on shuffled errors: the thesis' Cartesian one, and programs at the slots of the chain (all
 sites at once, coefficients by projection). Both read the thesis' inputs: x, y, z, J1 to J6.

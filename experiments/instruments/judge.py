@@ -1,4 +1,4 @@
-"""Ask the product about one machine measured by one instrument, as its owner would, and compare with the truth."""
+"""Run gpmodel on one machine measured by one instrument, and compare with the true values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated readings: pixels by an independent pinhole model, touches by joint values that reach them."""
+"""Simulate readings: pixels by a pinhole model, touches by the joint values that reach them."""
 
 from __future__ import annotations
 

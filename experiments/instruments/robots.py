@@ -1,4 +1,4 @@
-"""Robots with one undeclared effect, or none, made of plain 4x4 products: they share no code with the product.
+"""Simulate robots with one undeclared effect or none by plain 4x4 products, without code of gpmodel.
 
 A machine is one arm, or two side by side on one floor; what is undeclared is in the first.
 """

@@ -1,4 +1,4 @@
-"""One robot with an undeclared effect measured by a tracker, cameras, a probe, bars, and two arms that touch.
+"""Compare a tracker, cameras, a probe, bars and two touching arms on robots with an undeclared effect.
 
 From the root of the repository: python -m experiments.instruments.run [--robots 20] [--kinds camera,bars] [--out FILE].
 Every machine is kept when it is finished; a run that was interrupted goes on, and `--robots 30` adds ten.

@@ -1,4 +1,4 @@
-"""Tables 3.1, 4.1 and 4.2 of the thesis cell by cell, and its flat air film against the spherical one.
+"""Compare Tables 3.1, 4.1 and 4.2 of the thesis by cells, and the flat with the spherical air film.
 
 From the root of the repository: python -m experiments.joint_design.run
 """

@@ -1,4 +1,4 @@
-"""Twenty layouts that were written after the reader, and looked at last."""
+"""Write twenty layouts of files that were added after the reader was written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files as instruments and controllers write them, each imported by one command: right, refused or wrong.
+"""Import files as instruments and controllers write them, and count right, refused and wrong imports.
 
 From the root of the repository: python -m experiments.layouts.run [--only NAME] [--out FOLDER]
 """

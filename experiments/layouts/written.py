@@ -1,4 +1,4 @@
-"""Twenty layouts that were there while the reader was written."""
+"""Write twenty layouts of files that were known while the reader was written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Share of the findings by maker: catalogue, smooth term, founder, bred formula, evolved program.
+"""Count the findings by maker: catalogue, smooth term, founder, bred formula, evolved program.
 
 From the root of the repository:
 python -m experiments.methods.makers FILE...

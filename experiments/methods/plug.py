@@ -1,4 +1,4 @@
-"""The plug for a method that learns from a measured table where a robot's tool is at other poses.
+"""Define the interface of a method that predicts the tool position from a measured table.
 
 A method is a function from the paths of the table (csv), the description (urdf) and the poses (csv without positions)
 to positions (N, 3), m, in the instrument's frame, or to an `Answer`.  Another is entered as package.module:function.

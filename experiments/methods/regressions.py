@@ -1,4 +1,4 @@
-"""A regression of what a standard calibration leaves, each coordinate by itself: pip install scikit-learn pyoperon."""
+"""Fit each coordinate of the residual of a calibration by a Gaussian process or by Operon."""
 
 from __future__ import annotations
 

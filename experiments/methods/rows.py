@@ -1,4 +1,4 @@
-"""Rows of results on disk, one a line, and counts over them."""
+"""Save rows of results, one per line, and count them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm that bends at its base and in five gears at once: by hand, and what the loop finds by itself.
+"""Compare hand-made models and `discover` on an arm with compliances of the base and five gears.
 
 From the root of the repository: python -m experiments.models.harder [--seeds 20] [--runs 4] [--first 30] [--masses 0]
 [--out FOLDER]. masses: the loop is given every link's mass wrong by up to so many per cent.

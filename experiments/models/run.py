@@ -1,4 +1,4 @@
-"""Standard model, + base compliance, + joint bending, and what the loop finds by itself (thesis Fig 5.11).
+"""Compare standard model, base compliance, joint bending and `discover` (Fig 5.11).
 
 From the root of the repository: python -m experiments.models.run [--seeds 20] [--runs 4] [--first 0] [--out FOLDER]
 """

@@ -1,4 +1,4 @@
-"""Number of random poses that determine the geometry as well as chosen ones, before any measurement.
+"""Count the random poses that determine the geometry as well as chosen poses, before any measurement.
 
 By linear algebra alone: the pool of candidates is the workspace, random poses are drawn from it.
 """

@@ -1,4 +1,4 @@
-"""Number of random poses equivalent to poses chosen by `gpmodel poses --after`.
+"""Count the random poses that are equivalent to poses chosen by `gpmodel poses --after`.
 
 Simulated robots with one named effect: thirty random poses, a calibration, then chosen or random poses, measured with
 the same noise, and a fit to all. Compared is what then happens, not what the design says of itself: by how much the

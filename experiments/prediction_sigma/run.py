@@ -1,4 +1,4 @@
-"""Is the sigma of a prediction honest where an effect is missing from the model?
+"""Measure the coverage of the sigma of a prediction if an effect is missing from the model.
 
 Simulated robots with an effect that no family of the catalogue has, and 0.03 mm noise. Either the standard model alone
 is fitted, as where a search refuses everything, or `discover --runs 0` adds what it finds. Asked is the share of the

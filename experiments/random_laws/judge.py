@@ -1,4 +1,4 @@
-"""One robot from its numbers to a row of results: a method against exact positions, geometry and a told oracle."""
+"""Compare a method on one robot with exact positions, the geometry alone and an oracle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A law over named columns, and the place of the machine where it acts."""
+"""Define a formula of named columns, and the site where it acts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what size on a law that nobody listed is found: power over the size of the effect, beside a test told the law.
+"""Measure the smallest random formula that is found, compared with a test that is given the formula.
 
 From the root of the repository:
 python -m experiments.random_laws.power --seeds 4 --robots 10 --results FILE.jsonl

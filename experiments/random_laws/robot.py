@@ -1,4 +1,4 @@
-"""A robot with one law that nobody declared, or with none, drawn from a set of numbers."""
+"""Draw a robot with one undeclared formula, or with none, from a set of numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots with a law that nobody listed, given to a method and judged against exact positions.
+"""Run a method on robots with a random formula and compare it with exact positions.
 
 From the root of the repository:
 python -m experiments.random_laws.run --factors one,two,weighted,product,sum,waves --seeds 0,1 --results FILE.jsonl

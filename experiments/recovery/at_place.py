@@ -1,4 +1,4 @@
-"""Is the law of an effect found where its place and inputs are known? Laws of `random_laws` at one place.
+"""Measure if the formula of an effect is found at a known site with known inputs.
 
     python -m experiments.recovery.at_place --factors 1,2 --laws 80 --out FILE.json
 

@@ -1,4 +1,4 @@
-"""The engines compared on a regression problem; each returns a predictor and, where it has one, an expression."""
+"""Run the compared engines on a regression problem."""
 
 import time
 from dataclasses import replace

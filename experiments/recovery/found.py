@@ -1,4 +1,4 @@
-"""Result of an engine, and CPU seconds on a shared machine."""
+"""Define the result of an engine, and count processor seconds on a shared machine."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Public laws recovered from 100 points: how many, how soon, and in exact form.
+"""Count the published formulas that are recovered from 100 points.
 
 From the root of the repository: python -m experiments.recovery.run [--laws old|tune|unseen] [--seconds 5] [--seeds 3]
 [--noise 0.0] [--engines "linear, under links;Operon"] [--out FOLDER]. It writes the tables of the README, too.

@@ -1,4 +1,4 @@
-"""Gain of parallel work, cost of distribution, and cost of many runs and many poses.
+"""Measure the gain of parallel work, and the cost of distribution, many runs and many poses.
 
 python -m experiments.scale             all of it, on an otherwise idle machine; writes results.json
 python -m experiments.scale --only overhead,memory

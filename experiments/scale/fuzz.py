@@ -1,4 +1,4 @@
-"""A million texts made of good ones by a few edits: every reader reads or refuses in one line, in bounded time.
+"""Test every reader on a million edited texts: read or refused in one line, in bounded time.
 
     python -m experiments.scale.fuzz --inputs 1000000
 

@@ -1,4 +1,4 @@
-"""Every reader of files from outside, each with good texts to start from."""
+"""List every reader of external files, each with valid texts."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Do findings hang on `--seed`? The same table asked with several seeds, the names of what was found side by side.
+"""Compare the findings of one table at several seeds.
 
 From the root of the repository: python -m experiments.seeds.run --seeds 5 --runs 0 --results FILE.json
 Robots are those of experiments.blind, by the name of their kind, and of experiments.random_laws, by factors and number.

@@ -1,4 +1,4 @@
-"""Cost of a lean installation: packages, bytes, and seconds of a fresh process that imports it and predicts.
+"""Measure packages, bytes and seconds of a minimal installation.
 
     python -m experiments.speed.lean
 

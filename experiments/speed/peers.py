@@ -1,4 +1,4 @@
-"""Equal trees in DEAP and gplearn: compiled or interpreted as their users run them."""
+"""Evaluate equal trees in DEAP and gplearn."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""Speed of the engines at thesis scale, compared with peers, and profile of their time.
+"""Measure the speed of genetic programming at the scale of the thesis, compared with other packages.
 
 From the root of the repository: python -m experiments.speed.run [--repeats 9] [--out FOLDER]
 gplearn is timed where it is installed. Wall times are medians and bests of one process, one engine after the other;

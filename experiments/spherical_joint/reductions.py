@@ -1,4 +1,4 @@
-"""Identifiable parameters among the thirty: two reductions of the Jacobian, by SVD and by order.
+"""Select identifiable parameters among the thirty, by SVD and by index order.
 
 Columns are of position only, scaled to unit norm. Parameters that coincide with a joint angle (10, 17, 24) are no
 candidates. Source: Robertson (2003), Figure 3.15, Table 3.2.

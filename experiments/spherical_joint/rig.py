@@ -1,4 +1,4 @@
-"""A simulated test rig: poses set by hand, angles read roughly, tooling ball positions measured by a CMM."""
+"""Simulate a test rig: poses set by hand, approximate angles, ball positions measured by a CMM."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Rigs of 60 poses, the tooling ball on the yaw axis or off it: what is found, and how well the placement is known.
+"""Search rigs of 60 poses with the tooling ball on or off the yaw axis.
 
 From the root of the repository: python -m experiments.spherical_joint.rigs [--rigs 10] [--covered 200] [--out FOLDER]
 

@@ -1,4 +1,4 @@
-"""The spherical joint on simulated rigs: Tables 3.4, 3.5, Figures 3.18, 3.19, 3.29 (4.30), 5.13, 5.14, 5.16.
+"""Repeat Tables 3.4, 3.5 and Figures 3.18, 3.19, 3.29 (4.30), 5.13, 5.14, 5.16 on simulated rigs.
 
 From the root of the repository: python -m experiments.spherical_joint.run
 """

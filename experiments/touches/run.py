@@ -1,4 +1,4 @@
-"""Does calibration without a length standard ever leave a robot worse than its description?
+"""Measure if a calibration without a length standard makes a robot worse than its description.
 
 README.md says how the robots are made and judged.
 From the root of the repository: python -m experiments.touches.run [--robots 40] [--cases CASE ...] [--out FOLDER]

@@ -1,4 +1,4 @@
-"""Hexapods with one ball out of round, each searched by `gpmodel discover`: do all end in a report, and are they right?
+"""Search hexapods with one ball out of round by the command `gpmodel discover`.
 
 From the root of the repository:
 python -m experiments.twelve_balls.by_command [--machines 20] [--first 931] [--out FOLDER]

@@ -1,4 +1,4 @@
-"""Machines of twelve ball joints, one of them out of round: does the loop name it, and what is it worth to know it?
+"""Search machines of twelve ball joints of which one is out of round.
 
 From the root of the repository:
 python -m experiments.twelve_balls.run [--kind hexapod] [--machines 20] [--innocent 20] [--out FOLDER]

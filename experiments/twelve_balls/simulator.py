@@ -1,4 +1,4 @@
-"""A hexapod and a Tau robot with one ball out of round, written without a line of gpmodel.
+"""Simulate a hexapod and a Tau robot with one ball out of round, without code of gpmodel.
 
 The description of a machine is read from its TOML file, its loops are closed by SciPy. A ball with lobes lifts its link
 by `LIFT` cos(3 angle + phase); the angle is how far the link has turned in that socket from where it stands at home.

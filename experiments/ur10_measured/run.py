@@ -1,4 +1,4 @@
-"""The measured UR10: python -m experiments.ur10_measured.run --data FOLDER --out FOLDER [--results FILE].
+"""Search the measured UR10: python -m experiments.ur10_measured.run --data FOLDER --out FOLDER [--results FILE].
 
 Looks at 400 random poses of series A, or as many as --look says; fits what was found to 1500, evaluates on all 10 411
 others, on contiguous blocks and on series D.

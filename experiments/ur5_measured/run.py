@@ -1,4 +1,4 @@
-"""The measured UR5: python -m experiments.ur5_measured.run --data FOLDER --out FOLDER [--results FILE].
+"""Search the measured UR5: python -m experiments.ur5_measured.run --data FOLDER --out FOLDER [--results FILE].
 
 Discovers on 700 poses of the grid with 300 held out, then fits what was found to all 1000 and predicts the 20 random
 poses of the second file. The first fit's registration and tool hold for both files.

@@ -1,4 +1,4 @@
-"""Does `gpmodel verify` notice what changed on a machine, name the part, and repair the model?
+"""Measure if `gpmodel verify` notices a change of a machine, names the part, and repairs the model.
 
 Machines of several types (every constant off by 0.3 mm or 0.3 mrad, compliances, an oval gear) are measured at 90
 random poses with 0.02 mm a coordinate and calibrated with their true effects. Later each is measured from another place

@@ -1,4 +1,4 @@
-"""Wrong conventions that `gpmodel check` names with the cure, on measured tables of simulated arms.
+"""Count the wrong conventions that `gpmodel check` names with the cure.
 
 Named: what is said matches the cure. From the root of the repository:
 python -m experiments.wrong_tables.conventions [--robots 10] [--only KIND] [--out FOLDER]

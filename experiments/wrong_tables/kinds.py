@@ -1,4 +1,4 @@
-"""Robots, their tables, and forty ways to get a table wrong."""
+"""Make tables of simulated robots that are wrong in one of 44 ways."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong tables that `gpmodel check` passes silently, and sound ones that it refuses.
+"""Count wrong tables that `gpmodel check` passes silently, and correct tables that it refuses.
 
 Silent: neither refused nor warned of. `calibrate` and `discover` refuse what `check` calls an error.
 From the root of the repository: python -m experiments.wrong_tables.run [--robots 10] [--sound 200] [--out FOLDER]

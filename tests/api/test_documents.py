@@ -1,4 +1,4 @@
-"""Code in the documents runs: the lines of the README and the cells of the tour."""
+"""Test that the code in README, pages and tour runs."""
 
 import copy
 import doctest

@@ -1,4 +1,4 @@
-"""Evolution goes on where a model went in: from named effects or from a saved model."""
+"""Test that evolution starts from named effects or from a saved model."""
 
 from functools import cache
 from pathlib import Path

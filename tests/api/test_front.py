@@ -1,4 +1,4 @@
-"""Formulas of a front in the place of a finding; families from outside, few poses, outliers by row, `gp.regress`."""
+"""Test formulas of the Pareto front, user-defined families, few poses, rows of outliers, and `gp.regress`."""
 
 import inspect
 import json

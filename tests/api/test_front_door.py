@@ -1,4 +1,4 @@
-"""`import gpmodel as gp`: its names, what they load, and what they return."""
+"""Test the names of `import gpmodel as gp`, the modules that they load, and their return values."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Inputs that users of other libraries write by habit."""
+"""Test inputs that users of other libraries write by habit."""
 
 import json
 import re

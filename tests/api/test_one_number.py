@@ -1,4 +1,4 @@
-"""The errors that a result states are those of its model.json, loaded and asked by the public API."""
+"""Test that the errors stated by a result equal the errors of its model.json, computed by the public API."""
 
 from collections.abc import Callable
 from functools import cache

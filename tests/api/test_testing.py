@@ -1,4 +1,4 @@
-"""The contract checks for third parties: they pass on what is sound, and say what is not."""
+"""Test that the checks of `gpmodel.testing` pass correct extensions and name the fault of wrong ones."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A check that goes on pose by pose: it ends soon, names what changed, and proposes poses that tell."""
+"""Test that `verify_next` ends after few poses, names the change, and proposes informative poses."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Every argument of every public function, given what it cannot be: one line that names the argument."""
+"""Test that a wrong type of any argument of a public function gives one line with the name of the argument."""
 
 from collections.abc import Callable
 from pathlib import Path

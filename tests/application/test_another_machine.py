@@ -1,4 +1,4 @@
-"""Tables and models of another machine whose joints have the same names."""
+"""Test tables and models of another machine with equal joint names."""
 
 from pathlib import Path
 

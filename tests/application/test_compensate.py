@@ -1,4 +1,4 @@
-"""Corrected joint values: with them the real mechanism is where the nominal one was meant to be."""
+"""Test that corrected joint values move the real mechanism to the nominal position."""
 
 import io
 from dataclasses import replace

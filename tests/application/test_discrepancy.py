@@ -1,4 +1,4 @@
-"""The sigma of a prediction holds what the model lacks, and no more than the parameters where it lacks nothing."""
+"""Test that the sigma of a prediction contains the error of the model's form."""
 
 from dataclasses import replace
 from pathlib import Path

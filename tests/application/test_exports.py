@@ -1,4 +1,4 @@
-"""Exports: read back, each is the model or what it says it is off by."""
+"""Test that every exported file, read back, is the model or states its error."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""Exports read as other programs read them, by the joint values of the controller: each is what predict gives."""
+"""Test that every exported file, read like other programs do, gives the predictions of the model."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""Text of a table or a description in generated source: it stays text, whatever it is."""
+"""Test that text of a table or a description stays text in generated source."""
 
 import ast
 import ctypes

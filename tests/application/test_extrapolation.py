@@ -1,4 +1,4 @@
-"""Later tables at temperatures and payloads that the table of the fit does not contain."""
+"""Test later tables at temperatures and payloads outside the table of the fit."""
 
 from dataclasses import replace
 

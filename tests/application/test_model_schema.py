@@ -1,4 +1,4 @@
-"""Files that are no model, or one with something in it that no machine has: refused by the place in the file."""
+"""Test that files that are no valid model are refused with the place in the file."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Loads that a table does not declare: a payload and a direction of gravity are found from the deflections."""
+"""Test that an undeclared payload and an undeclared direction of gravity are found from deflections."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""Uncertainty over the causes of the findings, and over one effect that was not found."""
+"""Test the standard errors over the causes of findings, and over one effect that was not found."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Models as they can be used afterwards, further poses, and predictions over causes."""
+"""Test the use of models: further poses, and predictions over causes."""
 
 from dataclasses import replace
 from functools import cache

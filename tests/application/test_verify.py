@@ -1,4 +1,4 @@
-"""A model against poses measured afterwards: it holds, or what changed is named; one in a hundred is wrong."""
+"""Test that `verify` accepts a valid model, names a change, and is wrong in one case of a hundred."""
 
 from dataclasses import replace
 from pathlib import Path

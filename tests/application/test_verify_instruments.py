@@ -1,4 +1,4 @@
-"""A model against later readings of cameras, probes, bars and levels: it holds, or the zero that moved is named."""
+"""Test `verify` on later readings of cameras, probes, bars and inclinometers."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Rows of the fit, computed positions and gross errors verify nothing, and the verdict says so first."""
+"""Test that rows of the fit, computed positions and gross errors are reported and do not verify a model."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Alternatives to constants of the standard model, at these poses and not at others."""
+"""Test the effects that may replace constants of the standard model at the measured poses."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The fit and what it says of itself."""
+"""Test the Gauss-Newton fit and its standard errors."""
 
 from dataclasses import replace
 

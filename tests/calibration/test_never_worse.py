@@ -1,4 +1,4 @@
-"""Tables that say little of a machine: two joints move, narrowly; a fit is never worse than its start, nor wild."""
+"""Test that a fit to two narrowly moving joints is never worse than its start."""
 
 import itertools
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The gauge of the instrument: what a rigid motion of it takes up is where the robot is, and no error of it."""
+"""Test that a rigid motion of an instrument error is assigned to the registration."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Touches of planes: what they do not show stays at the description, and so does what undeclared effects may be."""
+"""Test that constants that touches do not determine stay near the description."""
 
 from functools import cache
 from typing import Any

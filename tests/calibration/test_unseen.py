@@ -1,4 +1,4 @@
-"""Instruments that measure no position: what they do not show stays uncertain, and no accuracy is certified."""
+"""Test that quantities without position measurements stay uncertain and no accuracy is certified."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Judging tables: what is odd is said, what is fine is not."""
+"""Test that `check` reports unusual tables and no correct one."""
 
 from collections.abc import Callable
 from dataclasses import replace

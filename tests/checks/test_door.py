@@ -1,4 +1,4 @@
-"""Tables that the door refuses, and the part that is blamed."""
+"""Test the tables that are refused before a fit, and the named cause."""
 
 import re
 from collections.abc import Callable

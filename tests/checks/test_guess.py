@@ -1,4 +1,4 @@
-"""Columns of foreign files are identified, or refused with the reason; nothing is guessed in silence."""
+"""Test that columns of foreign files are identified, or refused with the reason."""
 
 from collections.abc import Callable, Sequence
 from functools import cache

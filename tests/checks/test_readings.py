@@ -1,4 +1,4 @@
-"""Tables read otherwise than they were meant: the right reading is named, and nothing is fitted."""
+"""Test that the correct interpretation of a misread table is named and nothing is fitted."""
 
 from collections.abc import Callable
 from dataclasses import replace

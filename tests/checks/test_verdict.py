@@ -1,4 +1,4 @@
-"""Verdicts of `check`: weak columns, factors, mixed-up columns, digits."""
+"""Test the verdicts of `check`: weak columns, scale factors, exchanged columns, rounded digits."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Bad tables and bad options end in one line."""
+"""Test that bad tables and bad options end in one line."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The program: its commands, its statuses, and what it leaves behind."""
+"""Test the commands, their exit statuses and their files."""
 
 import json
 import os

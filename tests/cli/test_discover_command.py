@@ -1,4 +1,4 @@
-"""`gpmodel discover` and `gpmodel demo`: from a file to a folder of results, whole or none."""
+"""Test that `gpmodel discover` and `gpmodel demo` write a complete folder of results or none."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""A search that is killed, interrupted or out of disk goes on with `--resume DIR` alone, to the same numbers."""
+"""Test that `--resume DIR` continues a killed or interrupted search to equal numbers."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""`gpmodel evolve`: what it prints and leaves, that it resumes, and what it refuses."""
+"""Test output, files, resumption and refusals of `gpmodel evolve`."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The first hour: from an empty folder by the commands of the README, and from an export to the report."""
+"""Test the commands of the README in an empty folder, from a file to the report."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""`gpmodel fleet` and `gpmodel calibrate --fleet`: what they print and leave, and what is refused in one line."""
+"""Test output, files and refusals of `gpmodel fleet` and `gpmodel calibrate --fleet`."""
 
 import os
 from collections.abc import Callable

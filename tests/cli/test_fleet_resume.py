@@ -1,4 +1,4 @@
-"""`gpmodel fleet --resume DIR`: every machine that was searched is found again, and what differs is refused."""
+"""Test that `gpmodel fleet --resume DIR` keeps finished machines and refuses different inputs."""
 
 import json
 import shutil

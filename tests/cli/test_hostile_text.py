@@ -1,4 +1,4 @@
-"""Hostile text in every text of every format, read by every command that takes it.
+"""Test hostile text in every text of every file format with every command.
 
 No code of it runs, nothing of it steers the terminal or forges a line, nothing ends in a traceback.
 """

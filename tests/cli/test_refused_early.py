@@ -1,4 +1,4 @@
-"""Requests that are too large, contradictory or destructive are refused in one line, before any work."""
+"""Test that too large, contradictory or destructive requests are refused in one line before any work."""
 
 import os
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`gpmodel discover --resume DIR`: what it finds again, what it refuses, and what it says."""
+"""Test which parts of a search `gpmodel discover --resume DIR` keeps, and what it refuses."""
 
 import json
 import shlex

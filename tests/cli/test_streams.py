@@ -1,4 +1,4 @@
-"""Streams and statuses of the commands, plugins, and the reference page."""
+"""Test output streams, exit statuses, plugins and the reference page of the commands."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""Tests of one candidate: every rule can refuse, and says so."""
+"""Test that every acceptance rule can reject a candidate and states the reason."""
 
 from dataclasses import replace
 

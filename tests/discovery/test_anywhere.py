@@ -1,4 +1,4 @@
-"""Wherever the independent parts of a discovery are done, in whatever order, it gives the same numbers."""
+"""Test that the place and order of parallel parts of a search do not change its numbers."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Candidates offered by the caller: own families and effects are tested like the catalogue's."""
+"""Test that user-defined families and effects are tested like those of the catalogue."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A curve has the harmonics that its evidence asks for, one that was chosen by fewer of them as well."""
+"""Test that the evidence sets the number of harmonics of a smooth term."""
 
 from collections.abc import Sequence
 from dataclasses import replace

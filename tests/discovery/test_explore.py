@@ -1,4 +1,4 @@
-"""Evolved programs as effects, and the histogram of the inputs they refer to."""
+"""Test evolved programs as effects, and the histogram of their inputs."""
 
 from dataclasses import replace
 from types import MappingProxyType

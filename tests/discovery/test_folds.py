@@ -1,4 +1,4 @@
-"""Every pose held out once: its error is that of a choice without it, and all poses choose."""
+"""Test that the error of a pose held out in turn is that of a selection without the pose."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path

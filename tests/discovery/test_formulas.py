@@ -1,4 +1,4 @@
-"""Formulas proposed for the curves of a selection: where they are searched, in which inputs, how often, how short."""
+"""Test the proposal of formulas for selected smooth terms: sites, inputs, number and length."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The constants inside a law have their own deviations, and the law's coefficient knows of them."""
+"""Test the standard errors of the constants inside a formula and of its coefficient."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The loop: finds what is there, adds nothing where nothing is, and never looks at what it holds out."""
+"""Test that the search finds true effects, adds no false effect, and never uses held-out poses."""
 
 from dataclasses import FrozenInstanceError, replace
 

@@ -1,4 +1,4 @@
-"""The two measured robots, where a copy of the data lies beside the repository: the import and the found effects."""
+"""Test import and found effects of the two measured robots, if their data are available."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Curves give way to a short law only where the whole choice is as likely with it, but for what a law is allowed."""
+"""Test that a formula replaces a smooth term only if the evidence of the selection stays nearly as high."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Constants inside a law go to where they are most likely, rows of events get their interval."""
+"""Test that constants inside a formula are fitted, and that rows of events get an interval."""
 
 from collections.abc import Sequence
 from dataclasses import replace

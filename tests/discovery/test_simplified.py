@@ -1,4 +1,4 @@
-"""What is tested of a formula is what the fit contains."""
+"""Test that the tested formula is the formula of the fit."""
 
 from types import SimpleNamespace
 from typing import Any, cast

@@ -1,4 +1,4 @@
-"""A law sharper than the curve that stands for it: the poses at its kink or step are no outliers of the law."""
+"""Test that poses at a kink or step that a smooth term rounds off are no outliers."""
 
 from dataclasses import replace
 from functools import cache

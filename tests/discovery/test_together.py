@@ -1,4 +1,4 @@
-"""Candidates that fail given all others are eliminated, the weaker half of them at a time."""
+"""Test that candidates that fail given all others are eliminated, the weaker half at a time."""
 
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""A tracker that walks is said to walk, and nothing else is: a step of the set-up would carry on after the session."""
+"""Test that a drift of the tracker is named as a drift and not as a step of the set-up."""
 
 import sys
 from pathlib import Path

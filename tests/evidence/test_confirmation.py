@@ -1,4 +1,4 @@
-"""Never worse than before: what held-out poses do not bear out is not shipped, and repeats are no new evidence."""
+"""Test that effects not confirmed by held-out poses are not saved, and that repeats count once."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Slow drifts along the rows and smooth errors over the space are not many independent poses."""
+"""Test that drifts along rows and smooth errors over space count as few independent poses."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The variance at which a group is worth most, by a compiled search, against NumPy."""
+"""Test the prior variance with the largest evidence of a group against NumPy."""
 
 import numpy as np
 import pytest

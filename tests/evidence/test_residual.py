@@ -1,4 +1,4 @@
-"""Scores of a candidate on the residual, each against plain least squares."""
+"""Test the score of a candidate against plain least squares."""
 
 from dataclasses import replace
 

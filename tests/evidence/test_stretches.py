@@ -1,4 +1,4 @@
-"""Folds that are stretches of rows, and what they ask of a finding where rows matter."""
+"""Test folds of consecutive rows, and their acceptance rule for findings."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Chance: counted where shuffles reach the score, extrapolated beyond, never claimed from nothing."""
+"""Test the permutation p-value: counted where permuted scores reach the score, extrapolated beyond."""
 
 import numpy as np
 import pytest

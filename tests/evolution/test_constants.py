@@ -1,4 +1,4 @@
-"""Constants by least squares."""
+"""Test the least squares fit of constants."""
 
 import numpy as np
 import pytest

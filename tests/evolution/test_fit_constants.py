@@ -1,4 +1,4 @@
-"""The kernel that fits constants, against finite differences and NumPy."""
+"""Test the compiled fit of constants against finite differences and NumPy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The shortest formula of a curve: found at noise, short, and nothing where nothing is."""
+"""Test that the shortest formula of a smooth curve is found at noise, and none without a curve."""
 
 from itertools import permutations
 

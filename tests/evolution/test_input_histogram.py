@@ -1,4 +1,4 @@
-"""The histogram of referenced inputs and what it claims."""
+"""Test the histogram of referenced inputs and its p-values."""
 
 import numpy as np
 import pytest

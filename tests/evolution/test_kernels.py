@@ -1,4 +1,4 @@
-"""Compiled kernels against their NumPy twins."""
+"""Test compiled kernels against NumPy."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""Kinds: what may be done with what, and that no search, of either representation, does anything else."""
+"""Test that both representations combine only admissible kinds of quantities."""
 
 import numpy as np
 import pytest

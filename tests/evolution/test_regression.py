@@ -1,4 +1,4 @@
-"""Laws of a response: what a link makes a sum of, how coefficients are solved, and what is found."""
+"""Test `gp.regress`: links, solved coefficients, and the found formulas."""
 
 import time
 from itertools import count

@@ -1,4 +1,4 @@
-"""Runs side by side: the same bits wherever they ran, in what order, and however often they were begun again."""
+"""Test that parallel runs give equal bits at any place, order and number of restarts."""
 
 import pickle
 import random

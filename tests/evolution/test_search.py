@@ -1,4 +1,4 @@
-"""The search: what it finds, what it never depends on, and what it refuses."""
+"""Test the results of the search, its independence of the number of workers, and its refusals."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Selection: the two schemes here, and one defined outside."""
+"""Test the two selection schemes and a user-defined scheme."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Shorter forms of a program: what is one node less, and constants that need no writing."""
+"""Test that a program is shortened by one node, and that simple constants are recognised."""
 
 import numpy as np
 import pytest

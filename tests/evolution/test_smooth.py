@@ -1,5 +1,4 @@
-"""Smooth functions at a place: their factors and weighted sums are those that were planted, at noise and under columns
-that the model has already."""
+"""Test that smooth functions at a site recover simulated factors and weighted sums, given the columns of the model."""
 
 import numpy as np
 import pytest

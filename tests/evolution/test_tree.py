@@ -1,4 +1,4 @@
-"""Trees: starts, both styles of breeding, and DEAP's global random state left alone."""
+"""Test initial trees, both styles of breeding, and that DEAP's global random state is unchanged."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""The families of blind robots: sizes as stated, oracles at the noise, sessions and instruments as described."""
+"""Test the families of blind robots: stated sizes, oracles at the noise, sessions and instruments."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Grading of findings as found, false and readable, and results that survive an interruption."""
+"""Test the grading of findings, and results that survive an interruption."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Chapter 5 on robots whose truth shares no code with the model: at rest under gravity, and the conclusions on them."""
+"""Test the Chapter 5 simulator that shares no code with the model, and the conclusions on its robots."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Experiments on coverage, wrong tables, the gauge, exports and laws at a known place."""
+"""Test the experiments on coverage, wrong tables, instrument errors, exports and formulas at a known site."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Hexapods with a bad screw: the leg is named, a machine without one is left alone, the page says what was measured."""
+"""Test hexapods with a bad screw: the leg is named, a sound machine gets no finding."""
 
 from pathlib import Path
 

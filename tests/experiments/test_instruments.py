@@ -1,4 +1,4 @@
-"""Robots measured by instruments people have: a tiny case of it, and the page says what was measured."""
+"""Test a small case of the experiment on instruments, and the numbers of its page."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The plug for any method: what it may give, how a row is scored, and the leaderboard of those that are entered."""
+"""Test the interface of foreign methods: answers, scores and leaderboard."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The experiments' pages say what the results files beside them hold."""
+"""Test that the pages of the experiments state the numbers of the results files."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Robots with random laws: the same numbers draw the same robot, a told oracle reaches the noise, rows are graded."""
+"""Test that a seed draws one robot, that the oracle reaches the noise, and that rows are graded."""
 
 import numpy as np
 import pytest

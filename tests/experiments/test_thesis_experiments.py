@@ -1,4 +1,4 @@
-"""Chapter 5 at reduced size, and the conclusions that must go on holding."""
+"""Test Chapter 5 at reduced size, and the conclusions that have to hold."""
 
 from argparse import Namespace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A check notices a change of any kind on machines of several types, names its part and repairs the model."""
+"""Test that a check notices any kind of change, names the part and repairs the model."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Effects by the names a user gives them."""
+"""Test effects given by name."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The catalogue: every family has an instance that is found again with its size, and an honest deviation."""
+"""Test that an effect of every family is found with its value and a correct standard error."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Linear axes by the names of ISO 230-1, ripple at any frequency, and error motions of turning axes."""
+"""Test linear axes (ISO 230-1), ripples at any frequency, and error motions of rotating axes."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Errors of the instrument are called what they are, and are left to it."""
+"""Test that errors of the instrument are named as errors of the instrument."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Compliances hold for the declared loads."""
+"""Test that compliances hold for the declared loads."""
 
 from dataclasses import replace
 

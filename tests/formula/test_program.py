@@ -1,4 +1,4 @@
-"""Programs as objects: text, algebra, source, size."""
+"""Test programs as objects: text, algebra, source, size."""
 
 import gc
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""Mean and spread between machines, and who stands out, on numbers drawn with known truth."""
+"""Test mean and spread between machines, and outlying machines, on simulated numbers."""
 
 from collections.abc import Sequence
 from functools import cache

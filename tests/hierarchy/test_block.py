@@ -1,4 +1,4 @@
-"""Effects with priors, judged together between machines, on numbers drawn with known truth."""
+"""Test effects with priors that several machines share, on simulated numbers."""
 
 import numpy as np
 import pytest

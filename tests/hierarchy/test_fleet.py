@@ -1,4 +1,4 @@
-"""Machines calibrated together: what was planted comes back, and what is believed helps a further machine."""
+"""Test that machines calibrated together give the true effects and a useful prior."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The hexapod: its loops close, so do its derivatives, its constants are found, bad files refused."""
+"""Test the hexapod: closed loops, their derivatives, identifiable constants, bad files."""
 
 import io
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""`gpmodel joint`: every command runs, writes whole files, repeats itself, and refuses bad input before writing."""
+"""Test that every command of `gpmodel joint` runs, writes whole files, and refuses bad input."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""Hertz contact: Table 3.3 as printed, and right against independent solutions."""
+"""Test Hertz contact: Table 3.3 as printed, and the correct value against independent solutions."""
 
 import numpy as np
 import pytest

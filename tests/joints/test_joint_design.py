@@ -1,4 +1,4 @@
-"""The committed design experiment is what its script computes, and says what it misses."""
+"""Test that the saved design experiment equals the result of its script."""
 
 import importlib.util
 import json

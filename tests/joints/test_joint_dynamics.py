@@ -1,4 +1,4 @@
-"""The ball on its film in motion: textbook values of a plain damper, a fed film, dry friction."""
+"""Test the dynamics of the ball: a plain damper, a fed film, dry friction."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The flat-plate air film: Table 4.2 cell by cell, what is wrong in print, a measured film, squeezed air."""
+"""Test the flat-plate air film: Table 4.2 by cells, misprints, a measured film, squeezed air."""
 
 import json
 from dataclasses import replace

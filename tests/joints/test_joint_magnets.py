@@ -1,4 +1,4 @@
-"""Magnets, preload and Pugh charts against the thesis."""
+"""Test magnets, preload and Pugh charts against the thesis."""
 
 import numpy as np
 import pytest

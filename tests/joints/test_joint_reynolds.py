@@ -1,4 +1,4 @@
-"""The film over the real gap of a sphere, against adaptive quadrature, small-angle and concentric limits."""
+"""Test the film of a sphere against quadrature, small-angle and concentric limits."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Settings: TOML over the thesis' joint, in SI, refused in one line."""
+"""Test the settings of the joint: TOML in SI units, refused in one line."""
 
 from dataclasses import replace
 from pathlib import Path

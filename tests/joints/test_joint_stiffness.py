@@ -1,4 +1,4 @@
-"""Stiffness of the joint, regimes of a measured curve, orifices, thermal growth."""
+"""Test stiffness of the joint, regimes of a measured curve, orifices, thermal growth."""
 
 from dataclasses import asdict
 

@@ -1,4 +1,4 @@
-"""The commands on CMM tables of the spherical joint: free angles solved, bad tables refused in one line."""
+"""Test the commands on CMM tables of the spherical joint: free angles, bad tables."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The loop on simulated rigs: the input named, the held-out error down to the oracle's, and nothing invented."""
+"""Test the search on simulated rigs: the true input is named, the error is the oracle's."""
 
 from collections.abc import Callable
 

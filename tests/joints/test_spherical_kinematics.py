@@ -1,4 +1,4 @@
-"""The thirty parameters: thesis order, exact kinematics, the engine's columns, loads."""
+"""Test the thirty parameters: thesis order, exact kinematics, columns, loads."""
 
 from dataclasses import replace
 from itertools import product

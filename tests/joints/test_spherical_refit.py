@@ -1,4 +1,4 @@
-"""A tooling ball on the yaw axis, which the poses hardly show: no fit explodes, and what is there is named."""
+"""Test fits with a tooling ball on the yaw axis, whose position the poses hardly determine."""
 
 from dataclasses import replace
 

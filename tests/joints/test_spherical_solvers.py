@@ -1,4 +1,4 @@
-"""Free angles: elimination and re-solved angles."""
+"""Test free angles: elimination, and angles solved again."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Machines of twelve ball joints: the Tau robot closes, every ball offers its effects, a joint's result is a prior."""
+"""Test machines of twelve ball joints: loop closure, effects of every ball, a joint's result as prior."""
 
 import io
 from dataclasses import replace

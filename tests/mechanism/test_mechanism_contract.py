@@ -1,4 +1,4 @@
-"""Contract of every mechanism, over a table of robots."""
+"""Test the contract of every mechanism over a table of robots."""
 
 import pickle
 from pathlib import Path

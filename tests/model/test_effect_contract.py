@@ -1,4 +1,4 @@
-"""Every effect's column is the derivative of the prediction: all candidates of the catalogue, all mechanisms."""
+"""Test that the column of every candidate is the derivative of the prediction, for all mechanisms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

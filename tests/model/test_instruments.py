@@ -1,4 +1,4 @@
-"""Instruments that read no points: their columns, what they calibrate, and what they refuse."""
+"""Test instruments that measure no positions: columns, calibration and refusals."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Memory of earlier poses: operators against their definitions, and tables with a stated order."""
+"""Test operators of earlier poses against their definitions, and tables in measured order."""
 
 from dataclasses import replace
 from typing import Any, cast

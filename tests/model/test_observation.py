@@ -1,4 +1,4 @@
-"""A kind of observation is one file: here a probe that reads its height over a plane, calibrated and searched with."""
+"""Test that one file adds a kind of observation: a probe that reads its height over a plane."""
 
 from dataclasses import dataclass, field, replace
 

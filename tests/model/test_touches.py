@@ -1,4 +1,4 @@
-"""Surfaces of a known artefact, lines, spheres of known diameter, and several cameras at once."""
+"""Test touches of a known artefact, lines, spheres of known diameter, and several cameras."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The poses that a fit may exclude: the largest errors, a share of all poses over all passes."""
+"""Test that a fit excludes the largest errors, up to a share of all poses."""
 
 import numpy as np
 import pytest

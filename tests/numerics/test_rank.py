@@ -1,4 +1,4 @@
-"""Ranks, intervals, outliers, rigid motions, tails and allocation of memory."""
+"""Test ranks, intervals, outliers, rigid motions, tails and allocation of memory."""
 
 import sys
 from pathlib import Path

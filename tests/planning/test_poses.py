@@ -1,4 +1,4 @@
-"""Poses worth measuring."""
+"""Test the selection of measurement poses."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Simulated tables: the truth is in them, and in the file beside them."""
+"""Test that simulated tables and their truth files contain the true effects."""
 
 from pathlib import Path
 

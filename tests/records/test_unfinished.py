@@ -1,4 +1,4 @@
-"""What an interrupted search leaves: text that reads back as it was, and is set aside when damaged."""
+"""Test that saved parts of an interrupted search are read back, and set aside if damaged."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Reports from fits, their quantities, and ISO 9283."""
+"""Test reports from fits, their quantities, and ISO 9283."""
 
 from dataclasses import replace
 

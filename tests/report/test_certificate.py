@@ -1,4 +1,4 @@
-"""The certificate: statistics against known distributions, every given particular, and sides of A4."""
+"""Test the certificate: statistics against known distributions, entries, A4 pages."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""The pictures: what each draws is what the report of a real run says."""
+"""Test that each picture shows the numbers of the report of a small search."""
 
 import dataclasses
 import io

@@ -1,4 +1,4 @@
-"""report.html and explore.html, made of real runs: offline, accessible, and saying what the report says."""
+"""Test report.html and explore.html of small searches: offline, accessible, equal to the report."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""The summary: every number it prints is the report's, in 80 columns, held-out errors first."""
+"""Test that the printed summary has the numbers of the report, in 80 columns, held-out errors first."""
 
 import dataclasses
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The verdict: one short sentence, true to the numbers, whatever the names behind it."""
+"""Test that the verdict is one short sentence and agrees with the numbers."""
 
 import dataclasses
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Places and chances in words."""
+"""Test sites and probabilities in words."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A fit of two arms as source of either, and as the files that ROS reads, read back and held against predict."""
+"""Test exports of a fit of two arms, read back and compared with predictions."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Two arms on one torso: the tree as it is, and the arms calibrated against one another by points that both touch."""
+"""Test two arms on one torso, calibrated by points that both arms touch."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""DH tables in TOML against the rows multiplied out, and what is wrong with a file."""
+"""Test DH tables in TOML against multiplied rows, and wrong files."""
 
 from importlib.resources import files
 from pathlib import Path

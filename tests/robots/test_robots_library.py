@@ -1,4 +1,4 @@
-"""Mechanisms by name."""
+"""Test mechanisms by name."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Gravity loads against sums of weights and lever arms, and twists against Pinocchio's regressors."""
+"""Test gravity loads against weights and lever arms, and twists against Pinocchio."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Chains read from URDF against Pinocchio's own reading of the whole file."""
+"""Test chains read from URDF against Pinocchio."""
 
 import re
 from dataclasses import replace

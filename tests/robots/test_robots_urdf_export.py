@@ -1,4 +1,4 @@
-"""Calibrated geometry written as URDF and read again."""
+"""Test calibrated geometry written as URDF and read again."""
 
 from dataclasses import replace
 from pathlib import Path

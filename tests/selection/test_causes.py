@@ -1,4 +1,4 @@
-"""Credible sets: the planted effect is in the set, in any order of candidates; what has no name is said."""
+"""Test that the credible set contains the true effect in any order of candidates."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Contracts of the selection of groups, over a table of instances: whatever the start and the order, one answer."""
+"""Test that the selection of groups does not depend on its start and order."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Groups chosen together: every figure against dense linear algebra, planted robots named, innocent ones left alone."""
+"""Test the joint selection against dense linear algebra, and on robots with and without effects."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Permutation null: permuted residuals are as large as the noise."""
+"""Test that permuted residuals are as large as the noise."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Proposals: what the residual of a selection asks for is offered to the next one."""
+"""Test that candidates proposed for a residual enter the next selection."""
 
 from dataclasses import replace
 from functools import cache

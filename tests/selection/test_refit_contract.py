@@ -1,4 +1,4 @@
-"""Random rigs of the spherical joint and random arms: the exact fit of a choice is the one the choice foresaw."""
+"""Test that the exact fit of a selection agrees with the linear problem of the selection."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Signs as one writes them by hand."""
+"""Test the signs in printed formulas."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Waves at any rate: what one is worth, that all of them are paid for, and planted ripples named by their number."""
+"""Test sinusoids at any rate: gain, price, and names of simulated ripples."""
 
 import re
 from dataclasses import replace

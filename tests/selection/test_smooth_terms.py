@@ -1,4 +1,4 @@
-"""Free functions of one and two inputs: their covariance, their products, and a planted law found."""
+"""Test smooth terms of one and two inputs: covariance, products, and a recovered function."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Selection from any start: the true groups are in, where no single addition leads to them; prices of groups."""
+"""Test that the selection finds the true groups from any start, and the prices of groups."""
 
 from collections.abc import Iterator
 from dataclasses import replace

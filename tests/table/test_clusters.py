@@ -1,4 +1,4 @@
-"""Poses measured in clusters of neighbours are recognised without a label, and nothing else is taken for clusters."""
+"""Test that clusters of neighbouring poses are recognised without a label."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""gpmodel.importing: files of other programs become tables, or one clear line says why not."""
+"""Test that files of other programs become tables or are refused in one line."""
 
 from pathlib import Path
 

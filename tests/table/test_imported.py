@@ -1,4 +1,4 @@
-"""Files of programs whose layout is known become what this one reads; whatever is amiss is one line."""
+"""Test imports of files with a known layout, and refusals in one line."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Reading tables: separators, decimal commas, units, labels."""
+"""Test the reading of tables: separators, decimal commas, units, labels."""
 
 import math
 import zipfile

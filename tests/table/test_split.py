@@ -1,4 +1,4 @@
-"""Held-out poses: never split what belongs together."""
+"""Test that held-out splits never divide poses that belong together."""
 
 from dataclasses import replace
 from pathlib import Path
