@@ -1,7 +1,7 @@
 """Hertz contact of two curved elastic bodies (thesis section 3.5), exact and as computed in the thesis.
 
-Exact solution: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so
-that circles and long ellipses are equally accurate. Published solution: A. Slocum, Precision Machine Design (1992),
+Exact solution: Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so
+that circles and long ellipses are equally accurate. Published solution: Slocum, Precision Machine Design (1992),
 exponential fits of the contact coefficients alpha, beta (semi-axes; Table 3.3) and lambda (approach; Fig 3.23).
 """
 

@@ -223,8 +223,8 @@ def steady_state(
     X. f and x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each
     instant either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the problem is a monotone complementarity
     problem with one solution; for slow motion the solution is X = (F - F_c) / k.
-    Source: J. P. Den Hartog, Trans. ASME 53 (1931), for one mass and spring; P. L. Lions and B. Mercier, SIAM J. Numer.
-    Anal. 16 (1979), for the splitting.
+    Sources: Den Hartog (1931), Transactions of the ASME 53, for one mass and spring; Lions and Mercier (1979), SIAM
+    Journal on Numerical Analysis 16, for the splitting.
     """
     drive, f = float(positive("force amplitude", force, "N")), float(positive("frequency", frequency, "Hz"))
     omega = 2 * np.pi * f

@@ -149,7 +149,7 @@ class Tau(SixLegged):
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """Joints A1 to A3: the measured actuator coordinates."""
+        """Joints of the Tau robot, A1 to A3: the measured actuator coordinates."""
         return tuple(
             Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))
             for a, m in enumerate(self.actuators, 1)

@@ -3,7 +3,7 @@
 |p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
 
 p, R: position and rotation of the platform; a, b: balls at the foot of a link and on the platform; l: length of a link;
-δ: errors of positions and lengths. Source: Merlet 2006, Parallel Robots, ch. 4 (Newton's method) and 5 (Jacobian).
+δ: errors of positions and lengths. Source: Merlet 2006, Parallel Robots, chapters 4 (Newton's method) and 5 (Jacobian).
 """
 
 from abc import abstractmethod

@@ -17,7 +17,7 @@ m along the axis; k: stiffness of the magnets; w: areas that the nodes displace:
 
 S holds the air of the gap and of a pocket between orifices and film. The pressure of trapped air follows the gap with a
 delay. If this delay feeds more energy into the motion than the film dissipates, an eigenvalue has a positive real part:
-pneumatic hammer. Source: Licht, Fuller and Sternlicht, Trans. ASME 80 (1958), for one pocket.
+pneumatic hammer. Source: Licht, Fuller and Sternlicht, ASME 80 (1958), for one pocket.
 """
 
 from collections.abc import Iterator

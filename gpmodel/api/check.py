@@ -82,7 +82,7 @@ class CheckResult(Shown):
 
     @property
     def valid(self) -> bool:
-        """True if the table has no error."""
+        """True if the measured table has no error."""
         return not any(f.severity == "error" for f in self.findings)
 
     @property

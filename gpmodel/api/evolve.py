@@ -153,7 +153,7 @@ class EvolutionResult(Shown):
 
     @property
     def fit(self) -> Calibration:
-        """The model on whose residual programs are evolved."""
+        """The fitted model on whose residual programs are evolved."""
         return self.start.final
 
     @cached_property

@@ -4,7 +4,7 @@ With causes i of probability p_i, and x_i ± Σ_i the parameters fitted with eac
 
     E (x - x₁)(x - x₁)ᵀ = Σ_i p_i (Σ_i + (x_i - x₁)(x_i - x₁)ᵀ),   x₁ the reported parameters
 
-Source: Hoeting et al. (1999), variance within and between models.
+Source: Hoeting (1999), variance within and between models.
 """
 
 from collections.abc import Mapping, Sequence

@@ -7,7 +7,7 @@ the columns of tool and effects, whose values have covariance Σ, and σ the noi
 
 Q projects out the span of V^(-1/2) F. If the model is valid, |z|² is chi-square distributed with M - rank F degrees of
 freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degrees has an F distribution. Source: Rao
-(1973), ch. 4a.
+(1973), chapter 4a.
 """
 
 from dataclasses import dataclass, replace

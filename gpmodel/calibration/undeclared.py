@@ -169,8 +169,8 @@ class UndeclaredCovariance:
         """Return the posterior variance of predicted points, m², by fitted unknowns and unknown functions together.
 
         axes, columns: derivatives of the points with respect to the functions' axes and the unknowns. q: joint values.
-        fitted: problem of the fit. The part of an unknown that functions absorb is not counted twice (universal
-        kriging).
+        fitted: problem of the fit. The variance of an unknown that functions absorb is counted once
+        (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):

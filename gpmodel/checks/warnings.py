@@ -213,9 +213,9 @@ def orientation_left(fit: Calibration, poses: Poses) -> float:
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield one sentence for each geometric parameter that is farther from the description than any machine is built.
 
-    A calibration holds some of several equivalent parameters at zero, and the others absorb the errors: two parallel
-    joints 0.1 m apart turn 1 mm into 10 mrad. All parameters are therefore tested at the equivalent values with the
-    least sum of squares, in mm and mrad.
+    A calibration holds some of several equivalent parameters at zero, and the others absorb the errors. With two
+    parallel joints 0.1 m apart, an error of 1 mm becomes one of 10 mrad. All parameters are therefore tested at the
+    equivalent values with the least sum of squares, in mm and mrad.
     """
     solved = _least(fit, poses)
     values = solved @ fit.theta

@@ -54,12 +54,12 @@ class Profile:
 
     @property
     def best(self) -> int:
-        """The most likely row after which the event occurs."""
+        """The most likely table row after which an event (a step) occurs."""
         return int(self.rows[np.argmax(self.nats)])
 
     @property
     def interval(self) -> tuple[int, int]:
-        """First and last row of the 95 % confidence interval of the event."""
+        """First and last row of the 95 % confidence interval of the row of an event (a step)."""
         there = self.rows[self.nats >= self.nats.max() - ROW_LOSS]
         return int(there.min()), int(there.max())
 

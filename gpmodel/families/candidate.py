@@ -120,7 +120,7 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """Kind of the candidate, from all its effects.
+        """Kind of the candidate effect, by the basis functions and axes of its effects.
 
         single: a candidate of one effect.
         harmonic: a candidate of sine and cosine of one argument.

@@ -238,7 +238,7 @@ def moments_at_tool(
 ) -> tuple[Effect, ...]:
     """Return the displacements, m and rad per kg m, that first moments of mass along x, y, z of the tool cause.
 
-    Arguments as of `mass_at_tool`; empty without a compliance or without known masses.
+    The arguments are those of `mass_at_tool`. Without a compliance or known masses the result is empty.
     """
     made = [mass_at_tool(mechanism, states, effects, theta, point) for point in (np.zeros(3), *np.eye(3))]
     start, *ends = [effect.terms if effect else () for effect in made]

@@ -160,7 +160,7 @@ class WeightByPart(Protocol):
         torque_J2_of_J4_x: torque about the coordinate J2 of a first moment of mass of 1 kg·m along x of J4.moving,
         carried by the link beyond J4. moment_base_x_of_J4_x: moment of this first moment about the base. The gravity
         torque about a revolute joint is a combination of such parts. torque_J2_of_J4: torque of the nominal weight of
-        the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
+        the link beyond J4. Source: Khalil and Dombre 2002, chapter 9.
         """
 
 
@@ -170,7 +170,7 @@ class Wrapping(Protocol):
 
     @property
     def bare(self) -> Mechanism:
-        """The mechanism that the loaded mechanism contains."""
+        """Mechanism without the name and options from which it was loaded."""
 
 
 def followers(mechanism: Mechanism) -> dict[str, str]:

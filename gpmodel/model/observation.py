@@ -200,7 +200,7 @@ class Distance(OfTip):
 
     The measured distance of a tip p is |p - a| + z, with the unknown position a (3,) of the fixed point in the root
     frame and the unknown zero offset z of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose
-    measurement system for manipulator calibration experiments", IEEE Trans. Robotics and Automation 10.
+    measurement system for manipulator calibration experiments", IEEE T-RA 10.
     """
 
     name: str

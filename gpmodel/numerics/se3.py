@@ -25,7 +25,7 @@ def exp(twists: Array) -> Array:
     """Return the exponential (..., 4, 4) of twists (..., 6) in metres and radians.
 
     R = I + a W + b W², p = (I + b W + c W²) v with W = hat(w), a = sin t / t, b = (1 - cos t) / t², c = (t - sin t) /
-    t³; a series below t = 1e-4. Source: Murray, Li, Sastry (1994), eq. 2.36.
+    t³; a series below t = 1e-4. Source: Murray, Li, Sastry (1994), equation 2.36.
     """
     v, w = twists[..., :3], twists[..., 3:]
     t2 = np.sum(w * w, axis=-1)
@@ -77,7 +77,7 @@ def vector_change(vectors: Array) -> Array:
 
     J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
 
-    Source: Barfoot (2017), State Estimation for Robotics, eq. 7.76.
+    Source: Barfoot (2017), State Estimation for Robotics, equation 7.76.
     """
     cross = hat(vectors)
     t = np.linalg.norm(vectors, axis=-1)

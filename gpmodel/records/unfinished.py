@@ -118,7 +118,7 @@ class Unfinished:
             Reporter(self.say)(f"going on from {counted} in {self.folder}")
 
     def write(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write the record `name` with content that `encode` can convert. Raises WriteError if it cannot be written."""
+        """Write the record `name` with content that `encode` can convert. Raises WriteError if writing fails."""
         sealed = {"of": seal(self.identity)} | {key: encode(value) for key, value in content.items()}
         write_json(self.folder / f"{name}.json", sealed)
 

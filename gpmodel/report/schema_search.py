@@ -320,7 +320,7 @@ class EffectRecord:
         """Root mean square deviation of the true value from the fitted value over all causes. The deviation is √(σ² +
         value² Σ p (1 - a)²) over the causes of probability p that contain the share a of the value, with σ² for causes
         with the finding alone. For causes outside the credible set the share a is 0.
-        Source: Hoeting et al. (1999), variance within and between models."""
+        Source: Hoeting (1999), variance within and between models."""
         if self.causes is None or self.probability is None or self.value is None or self.stderr is None:
             return None
         listed = [(c.probability, c.amount) for c in self.others]

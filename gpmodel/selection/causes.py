@@ -5,8 +5,8 @@
 L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated with
 h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
 functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because a
-joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang et al.
-(2020), sum of single effects; Raftery et al. (1997), averaging over models near the best.
+joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang
+(2020), sum of single effects; Raftery (1997), averaging over models near the best model.
 """
 
 from collections.abc import Iterable, Sequence

@@ -89,7 +89,7 @@ def cosine(x: float) -> float:
 @of_a_number
 def tangent(x: float) -> float:
     """Return tan(x) for abs(x) up to ANGLE_LIMIT, by a rational function, inverted if the multiple of pi / 2 is odd.
-    After Cephes (S. L. Moshier)."""
+    Source: the library Cephes by Moshier."""
     t = x * (2.0 * _INVERSE_PI) + _NEAREST
     k = t - _NEAREST
     r = (x - k * (0.5 * _PI_HIGH)) - k * (0.5 * _PI_LOW)
