@@ -1,7 +1,7 @@
 """Simulate IRB 6400R robots with undeclared effects, for Chapter 5 of Robertson (2003).
 
-The arm bends at its base, about joint 5 and about joint 4; every joint is eccentric; its geometry is a little off.
-The thesis prints none of these sizes. Those below are chosen so that a standard model ends near the thesis' 1.3 mm.
+Base, joint 5 and joint 4 are compliant, every joint has an eccentricity, and the geometry has errors. The thesis prints
+no sizes; these are chosen so that the largest error of the standard model is near 1.3 mm.
 """
 
 from __future__ import annotations

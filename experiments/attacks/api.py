@@ -1,7 +1,7 @@
 """Count wrong arguments of the Python interface that raise another exception than InputError.
 
-Bad: another exception, more than one line, or 30 s of CPU. A value that is taken is no fault here.
-From the root of the repository: python -m experiments.attacks.api [--cases 600] [--seed 0] [--out FOLDER]
+A case is bad with another exception, an error of more than one line, or 30 s of processor time. An accepted value is
+no fault. From the root of the repository: python -m experiments.attacks.api [--cases 600] [--seed 0] [--out FOLDER]
 """
 
 from __future__ import annotations

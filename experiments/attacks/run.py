@@ -1,7 +1,7 @@
 """Count hostile inputs that end neither in one clear line nor in a correct result.
 
-Bad: a traceback, a "defect of gpmodel" (status 1), more than one line of refusal, 30 s of CPU, code of the value that
-ran, an escape sequence or a forged verdict on the terminal.
+A case is bad with a traceback, a "defect of gpmodel" (status 1), a refusal of more than one line, 30 s of processor
+time, executed code of the value, an escape sequence or a forged verdict on the terminal.
 From the root of the repository: python -m experiments.attacks.run [--cases 2000] [--seed 0] [--out FOLDER]
 """
 

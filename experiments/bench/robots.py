@@ -1,6 +1,6 @@
 """List the robots of the bench: undeclared effects, random formulas, and robots without an effect.
 
-Each robot costs a few seconds. `why` names the decision of the selection that it once broke, or the kind it covers.
+Each robot takes a few seconds. `why` names the decision of the selection that the robot tests, or its kind.
 """
 
 from __future__ import annotations

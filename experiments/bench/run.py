@@ -1,9 +1,9 @@
 """Compare a changed search on seventy robots: error over the oracle, names, false findings, seconds.
 
 From the root of the repository: python -m experiments.bench.run --jobs 2
-Prints the robots that differ from those of `--against` and one line of counts; ends with 1 where one became worse.
---record keeps the robots in results.json and adds the line to history.md.
-Another version's code: PYTHONSAFEPATH=1 PYTHONPATH=<its folder>:. in front of the command.
+Prints the robots that differ from the robots of `--against`, and one line of counts; ends with 1 if a robot became
+worse. --record saves the robots in results.json and adds a line to history.md.
+The code of another version is measured by PYTHONSAFEPATH=1 PYTHONPATH=<its folder>:. in front of the command.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Define the specification of a blind robot, and the table of all specifications.
 
-`size` is the 3-D rms in millimetres that an undeclared effect leaves after the standard model has been fitted to
-noise-free poses.  `noise` is the standard deviation of one coordinate.  The aside cases are for a last look only.
+`size` is the 3-D RMS in millimetres that an undeclared effect leaves after a fit of the standard model to noise-free
+poses. `noise` is the standard deviation of one coordinate. The cases `aside` are reserved for a last test.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Comparison of a report with the truth: names, false additions, readable formulas, standard errors; and counts over
-robots.
+"""Compare a report with the true effects: names, false findings, readable formulas, standard errors.
 
-A finding is an entry of `effects` in report.json; the truth is an entry of `effects` in truth.json.
+A finding is an entry of `effects` in report.json; a true effect is an entry of `effects` in truth.json.
 """
 
 from __future__ import annotations

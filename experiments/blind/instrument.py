@@ -1,6 +1,6 @@
 """Simulate errors of a laser tracker at the origin of its frame, with z along its standing axis.
 
-p = r (cos el cos az, cos el sin az, sin el).  An effect of the robot in their place is wrong.
+p = r (cos el cos az, cos el sin az, sin el). An effect of the robot that replaces such an error is a false finding.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Simulate effects of earlier poses: backlash, friction, warm-up.
 
-The rows are in the order of measurement.  A robot comes from somewhere before its first row, which neither an oracle
-nor a user knows: they take it that nothing had moved.  What winds up has come to rest before the first row.
+The rows are in the order of measurement. The pose before the first row is unknown to oracle and user, who assume that
+nothing had moved. Friction is at rest before the first row.
 """
 
 from __future__ import annotations

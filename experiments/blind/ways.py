@@ -1,9 +1,8 @@
 """Compare the catalogue alone, genetic programming alone, and both on equal blind robots.
 
 From the root of the repository: python -m experiments.blind.ways --first-seed 10 --results FILE
-Robots are taken one after the other, each in all ways, so that the table is even wherever it is stopped; started again,
-it leaves out what the file has. `--ways "catalogue alone"` fills one column. The table is beside
-FILE.
+Each robot is searched in all ways before the next robot. A repeated command continues. `--ways "catalogue alone"`
+fills one column. The table is written beside FILE.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measure the error of `gpmodel compensate` on a robot that shares no code with gpmodel.
 
-Blind robots, measured once, calibrated with their effect named; then targets over the whole range, and targets with the
-wrist within two degrees of singular. The independent simulator moves to the corrected joint values and says where the
-tool is. Errors are in the frame of the calibration's own registration, as a user of it would measure them.
+Blind robots are calibrated with their effect named. The targets are over the whole range, or have the wrist within two
+degrees of a singularity. The independent simulator moves to the corrected joint values and gives the position of the
+tool. Errors are in the frame of the calibration's registration.
 From the root of the repository: python -m experiments.closed_loop.run [--targets 500]
 """
 

@@ -1,8 +1,8 @@
 """Print the simplified equation of an evolved compensator, and its motion at each position (Fig 5.10).
 
-Smooth operators only, x, y and z as inputs, root-mean-square fitness and a price on length: on top of registration
-alone, of the standard model, and of all that the loop finds but the base compliance. Beside them that base compliance:
-how far it moves the tip, against position.
+Inputs x, y and z, smooth operators, RMS fitness and a price on length; on registration alone, on the standard model,
+and on a model with all found effects but the base compliance. The motion of the tip by the fitted base compliance is
+printed for comparison.
 From the root of the repository: python -m experiments.compensation.run [--seeds 5] (and -h)
 """
 

@@ -1,8 +1,8 @@
 """Measure the coverage of ± for every instrument of `experiments.instruments`.
 
 From the root of the repository: python -m experiments.coverage.by_instrument --robots 20 --out FILE
-*effect*: (|value| - true amount) / ±. *geometry*: (value - that of a fit to exact readings) / ±, of a tracker and
-cameras, whose readings are the only thing that noise is in. Started again it leaves out the robots that FILE has.
+*effect*: (|value| - true amount) / ±. *geometry*: (value - value of a fit to exact readings) / ±, for tracker and
+cameras, whose noise is in the readings alone. A repeated command continues.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measure the coverage of intervals over all causes of a finding, and of the stated fit alone.
 
 From the root of the repository: python -m experiments.coverage.causes --arms 100 --rigs 20 --out FILE
-Arms of an undeclared effect about as large as the noise, and rigs of a ball with lobes, on its axis and off it. An arm
-counts where its findings have more than one cause, or nothing is found. Started again it leaves out what FILE has.
+Arms have an undeclared effect about as large as the noise, rigs a ball with lobes on its axis or off the axis. An arm
+counts if its findings have more than one cause, or if nothing is found. A repeated command continues.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Rate at which the catalogue's best candidate exceeds noise that neighbours share, under each rule that could stop
-it.
+"""Measure how often noise that neighbouring poses share gives a false finding, by three rules.
 
 From the root of the repository: python -m experiments.coverage.dependence --trials 40 --out FILE
-The residual of an innocent robot is replaced by white noise and, of the same size, what the rows or the places of the
-poses share. Rules: shuffles of single poses; with them the tests of dependence that `discover` has; with them shuffles
-of whole stretches of rows and of whole regions. What would be right to name, errors of the instrument and set-up, is
-not offered. The same with a true effect in the noise says what each rule costs.
+The residual of a robot without an effect is replaced by white noise plus equally large noise that rows or regions
+share. Rules: permuted poses; also the tests of dependence of `discover`; also permuted stretches of rows and regions.
+Errors of instrument and set-up are no candidates. A true effect in the noise shows the cost of each rule.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Measure the coverage of every printed ± and interval, over strata of simulated machines.
 
 From the root of the repository: python -m experiments.coverage.printed --machines 300 --out FILE
-Started again it leaves out the machines that FILE has; `--of fleets` asks whole fleets of innocent machines instead.
+A repeated command continues. `--of fleets` simulates fleets of machines without an effect.
 """
 
 from __future__ import annotations

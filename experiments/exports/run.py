@@ -1,8 +1,8 @@
 """Measure the distance of each export from `gpmodel predict` at the joint values of the controller.
 
-First simulated arms with two effects beside their geometry, 80 poses, a calibration with the effects named; the rows
-are those of the page. Then arms of every kind with geometric errors alone, so that a file is either predict to a
-micrometre or refused; calibrated.urdf is also read by Pinocchio. This command writes the tables of README.md. From the
+First, simulated arms with two effects in addition to their geometry, 80 poses, a calibration with the effects named;
+one row per file. Then arms of every kind with geometric errors alone, whose files agree with predict to a micrometre or
+are refused; Pinocchio also reads calibrated.urdf. This command writes the tables of README.md. From the
 root of the repository: python -m experiments.exports.run
 """
 

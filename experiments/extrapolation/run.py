@@ -1,7 +1,7 @@
 """Measure evolved compensators at new poses (Fig 5.8), in Cartesian and in slot space.
 
-Both searches read x, y, z and J1 to J6 at 40 poses of the standard model. The Cartesian one changes the tip; the slot
-one bends the chain at whichever slot a program fits best, one program a round, everything refitted after each.
+Both searches have the inputs x, y, z and J1 to J6 at 40 poses of the standard model. A Cartesian program displaces the
+tip. A slot program moves the chain at its best slot; each round adds one program and refits all values.
 From the root of the repository: python -m experiments.extrapolation.run [--seeds 10] [--population 8192]
 [--generations 150] [--slot_population 1024] [--slot_generations 40] [--rounds 4] [--out FOLDER]
 """

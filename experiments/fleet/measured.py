@@ -1,6 +1,6 @@
 """Calibrate four sessions of a measured UR10 as a fleet.
 
-Do the sessions share their parameters, and what are poses of series D worth with the prior of the three others?
+Measures whether the sessions share their parameters, and the gain of the prior of three sessions for series D.
 From the root of the repository, with the files of experiments/ur10_measured:
 python -m experiments.fleet.measured --data FOLDER
 """

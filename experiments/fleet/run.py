@@ -1,5 +1,4 @@
-"""Twelve simulated machines of one type, one of them worn: are mean, spread and the worn one found, and with how many
-poses is a thirteenth known as well as with the fleet's prior?
+"""Calibrate twelve simulated machines of one type, one of them worn, and further machines with their prior.
 
 From the root of the repository: python -m experiments.fleet.run [--seeds 1] [--further 3]
 """

@@ -1,8 +1,8 @@
-"""Error of `predict` with and without instrument errors, at exact positions of new poses.
+"""Compute the error of `predict` with and without instrument errors, at exact positions of new poses.
 
-Every robot has geometric errors, a second joint that yields and hardens, and 0.03 mm of noise. Some tables are in the
-frame of the robot itself, some in that of a tracker, some of these with an error of the tracker. With --discovers 0 the
-true model is fitted to tables with an error of the tracker, and nothing is searched.
+Every robot has geometric errors, a compliant and hardening second joint, and 0.03 mm of noise. Tables are in the frame
+of the robot or of a tracker, with or without a tracker error. With --discovers 0 the true model is fitted to tables
+with a tracker error, without a search.
 From the root of the repository: python -m experiments.gauge.run [--robots 40] [--poses 120] [--discovers 1]
 [--times 1] [--first 0] [--out FOLDER]
 """

@@ -1,4 +1,4 @@
-"""Test if `discover` names the leg and the cyclic error of a hexapod with a bad screw.
+"""Test whether `discover` names the leg and the cyclic error of a hexapod with a bad screw.
 
 python -m experiments.hexapod.run [--machines 10] [--innocent 5] [--out FOLDER]
 """

@@ -1,7 +1,7 @@
 """Simulate a hexapod with errors, without code of gpmodel: leg lengths from given poses.
 
-Where the platform is chosen no loop has to be closed: the true length of a leg is the distance of its two balls,
-wherever they really are, and the encoder reads it less its own error; the screw of one leg errs once a turn.
+A chosen platform pose needs no loop closure: the length of a leg is the distance of its two true balls. The encoder
+reads this length less its error; the screw of one leg has a cyclic error of one cycle per turn.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Count the inputs of evolved programs, compared with the null distribution (Figs 5.9 and 5.12).
 
-Two searches, each repeated on shuffled errors: the thesis' Cartesian one, and programs at the slots of the chain (all
-sites at once, coefficients by projection). Both read the thesis' inputs: x, y, z, J1 to J6.
+Two searches, each repeated on permuted errors: the Cartesian search of the thesis, and programs at the slots of the
+chain (all sites at once, coefficients by projection). Both have the inputs of the thesis: x, y, z, J1 to J6.
 From the root of the repository: python -m experiments.histogram.run [--seeds 20] [--cartesian 3] [--runs 16] (and -h)
 """
 

@@ -1,6 +1,6 @@
 """Simulate robots with one undeclared effect or none by plain 4x4 products, without code of gpmodel.
 
-A machine is one arm, or two side by side on one floor; what is undeclared is in the first.
+A machine is one arm, or two arms side by side on one floor; the undeclared effect is in the first arm.
 """
 
 from __future__ import annotations

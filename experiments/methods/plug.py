@@ -1,7 +1,7 @@
 """Define the interface of a method that predicts the tool position from a measured table.
 
-A method is a function from the paths of the table (csv), the description (urdf) and the poses (csv without positions)
-to positions (N, 3), m, in the instrument's frame, or to an `Answer`.  Another is entered as package.module:function.
+A method is a function of three paths: table (CSV), description (URDF), and poses (CSV without positions). The method
+returns positions (N, 3), m, in the instrument's frame, or an `Answer`. Others are named as package.module:function.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Compare hand-made models and `discover` on an arm with compliances of the base and five gears.
 
 From the root of the repository: python -m experiments.models.harder [--seeds 20] [--runs 4] [--first 30] [--masses 0]
-[--out FOLDER]. masses: the loop is given every link's mass wrong by up to so many per cent.
+[--out FOLDER]. masses: `discover` is given link masses that are wrong by up to so many per cent.
 """
 
 from __future__ import annotations

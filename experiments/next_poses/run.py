@@ -1,10 +1,9 @@
 """Count the random poses that are equivalent to poses chosen by `gpmodel poses --after`.
 
-Simulated robots with one named effect: thirty random poses, a calibration, then chosen or random poses, measured with
-the same noise, and a fit to all. Compared is what then happens, not what the design says of itself: by how much the
-fitted effect misses the truth and the ± it states; the RMS miss of the predicted point on fresh poses; by how many
-sigma the fit with a rival in the effect's place is worse. Beside it what no choice could do better than, by the design
-alone; and the same for the geometry before anything is measured (before.py).
+Simulated robots have one named effect: thirty random poses, a calibration, then chosen or random poses with equal
+noise, and a fit to all. Compared are the error and the ± of the fitted effect, the RMS error of the predicted point at
+new poses, and the misfit, in sigma, of an alternative effect. A bound by the design alone states the best possible
+choice; before.py computes the numbers for the geometry before anything is measured.
 From the root of the repository: python -m experiments.next_poses.run [--seeds 6] [--only before|limits|cases]
 """
 

@@ -1,8 +1,8 @@
 """Measure the coverage of the sigma of a prediction if an effect is missing from the model.
 
-Simulated robots with an effect that no family of the catalogue has, and 0.03 mm noise. Either the standard model alone
-is fitted, as where a search refuses everything, or `discover --runs 0` adds what it finds. Asked is the share of the
-coordinates of fresh exact positions within two sigma: of parameters and discrepancy, and of the parameters alone.
+Simulated robots have an effect outside the catalogue, and 0.03 mm noise. The standard model alone is fitted, or
+`discover --runs 0` adds effects. The result is the share of coordinates of new exact positions within two sigma: of
+parameters and discrepancy, and of the parameters alone.
 From the root of the repository: python -m experiments.prediction_sigma.run [--robots 60] [--searched 8]
 [--first 1000] --out FILE
 """

@@ -2,10 +2,9 @@
 
 From the root of the repository:
 python -m experiments.random_laws.power --seeds 4 --robots 10 --results FILE.jsonl
-The robots of random laws again, with the law scaled so that it leaves so many times the noise after a geometric fit.
-*told*: the law, its place and inner constants are given and a likelihood-ratio test at 1 % asks whether it is there;
-*found*: `discover` reads every true input. Sizes are 3-D rms over the noise, 0 for none. The same command again goes on
-with what is left, and writes the table beside FILE.
+The formula of each robot of random_laws is scaled to a multiple of the noise after a geometric fit (3-D RMS, 0 for no
+effect). *told*: a likelihood-ratio test at 1 % is given formula, site and inner constants. *found*: a finding of
+`discover` has every true input. A repeated command continues, and writes the table beside FILE.
 """
 
 from __future__ import annotations

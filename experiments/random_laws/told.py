@@ -2,9 +2,9 @@
 
 From the root of the repository:
 python -m experiments.random_laws.told --factors one,two,weighted,product,sum,waves --seeds 40,41 --results FILE.jsonl
-The robots of random laws; the formula of least description length is calibrated with the geometry and judged at fresh
-poses by its error against exact positions, and so is the law itself. Seconds are processor time of the search. A second
-call adds the robots that the file of results lacks.
+For the robots of random_laws, the formula of least description length and the true formula are fitted with the geometry
+and compared by their errors at new exact positions. Seconds are processor time of the search. A repeated command
+continues.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measure if the formula of an effect is found at a known site with known inputs.
+"""Measure whether the formula of an effect is found at a known site with known inputs.
 
     python -m experiments.recovery.at_place --factors 1,2 --laws 80 --out FILE.json
 

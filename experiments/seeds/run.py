@@ -1,7 +1,7 @@
 """Compare the findings of one table at several seeds.
 
 From the root of the repository: python -m experiments.seeds.run --seeds 5 --runs 0 --results FILE.json
-Robots are those of experiments.blind, by the name of their kind, and of experiments.random_laws, by factors and number.
+Robots are named by kind (experiments.blind), or by factors and number (experiments.random_laws).
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 From the root of the repository: python -m experiments.spherical_joint.rigs [--rigs 10] [--covered 200] [--out FOLDER]
 
-All poses choose; five repetitions of the whole choice, each without a fifth of them, say how well it predicts, as
-`gpmodel discover` does with so few. `told` is the bound: on how many rigs a fit that is told the shape of the effect
-puts it at so many standard deviations that it alone would pass the acceptance rule.
+All poses select effects, and 5-fold cross-validation confirms them, as in `gpmodel discover` with few poses. `told`
+is the number of rigs on which a fit with the true form of the effect passes the acceptance rule.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""Measure if a calibration without a length standard makes a robot worse than its description.
+"""Measure whether a calibration without a length standard makes a robot worse than its description.
 
-README.md says how the robots are made and judged.
+README.md describes the robots and the comparison.
 From the root of the repository: python -m experiments.touches.run [--robots 40] [--cases CASE ...] [--out FOLDER]
 """
 

@@ -3,8 +3,8 @@
 From the root of the repository:
 python -m experiments.twelve_balls.run [--kind hexapod] [--machines 20] [--innocent 20] [--out FOLDER]
 
-The catalogue alone (no evolution), all poses choose. `told`: standard deviations of the lobes in a fit that is told
-their shape and place; `needed`: at which they alone pass the acceptance rule.
+The search uses the catalogue alone, and all poses select. `told`: size of the lobes in standard errors, in a fit with
+the true form and site; `needed`: size at which the lobes alone pass the acceptance rule.
 """
 
 import io

@@ -1,9 +1,9 @@
-"""Measure if `gpmodel verify` notices a change of a machine, names the part, and repairs the model.
+"""Measure whether `gpmodel verify` notices a change of a machine, names the part, and repairs the model.
 
 Machines of several types (every constant off by 0.3 mm or 0.3 mrad, compliances, an oval gear) are measured at 90
-random poses with 0.02 mm a coordinate and calibrated with their true effects. Later each is measured from another place
-of the instrument after one change. A change is SIZES standard errors of the fitted model at ten random poses.
-`verify --next` goes on to its end, and by the poses that its repaired model asks for; `verify` tests 20 random poses.
+random poses with 0.02 mm a coordinate and calibrated with their true effects. Later each is measured with the
+instrument at another place after one change of SIZES standard errors of the fitted model at ten random poses.
+`verify --next` runs to its end, and measures the poses that its repaired model requests; `verify` tests 20 poses.
 From the root of the repository: python -m experiments.verify.changes [--first 0] [--machines 10] [--same 5]
 """
 

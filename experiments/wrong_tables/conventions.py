@@ -1,6 +1,6 @@
 """Count the wrong conventions that `gpmodel check` names with the cure.
 
-Named: what is said matches the cure. From the root of the repository:
+A convention is named if a remark matches the cure. From the root of the repository:
 python -m experiments.wrong_tables.conventions [--robots 10] [--only KIND] [--out FOLDER]
 """
 

@@ -1,6 +1,6 @@
 """Count wrong tables that `gpmodel check` passes silently, and correct tables that it refuses.
 
-Silent: neither refused nor warned of. `calibrate` and `discover` refuse what `check` calls an error.
+A silent table is neither refused nor warned of. `calibrate` and `discover` refuse a table with an error of `check`.
 From the root of the repository: python -m experiments.wrong_tables.run [--robots 10] [--sound 200] [--out FOLDER]
 With --robots 0 the wrong tables of the last run are kept.
 """
