@@ -56,8 +56,8 @@ class FilmGeometry:
     @property
     def socket_length(self) -> float:
         """Width eta r (alpha - phi) [m] of the equivalent flat pad (32.2 mm in the thesis) of a ball of radius r, from
-        the orifices at polar angle phi to the socket's edge at alpha, with eta = sqrt(4 alpha / pi). Fig 4.10 prints
-        the bracket with the opposite sign."""
+        the orifices at polar angle phi to the socket's edge at alpha, with eta = sqrt(4 alpha / pi). In the
+        thesis, Fig 4.10 prints phi - alpha."""
         return self._arc_factor * self.ball_radius * (self.socket_angle - self.orifice_angle)
 
     @property

@@ -91,8 +91,8 @@ def unit(vectors: Array) -> Array:
 
 
 def axes_along(directions: Array) -> Array:
-    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). The vectors
-    may not point along -z."""
+    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). A unit
+    vector along -z is not allowed."""
     v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
     turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)
     return np.eye(3) + turn + turn @ turn / (1.0 + directions[..., 2])[..., None, None]

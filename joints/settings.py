@@ -60,7 +60,8 @@ _EXPECTED = {
 def quantity(text: Any, like: str, where: str) -> float:
     """Return the SI value of `text`, a number and a unit such as "25.4 mm".
 
-    like: an example with the expected dimension, for example "1 mm". Raises InputError that names `where`.
+    like: an example with the expected dimension, for example "1 mm". where: place in messages. Raises InputError
+    for an invalid `text`.
     """
     given, example = (split_quantity(t) if isinstance(t, str) else None for t in (text, like))
     unit = factor_like(given[1], example[1]) if given and example else None

@@ -31,8 +31,8 @@ def read_urdf(
     name: name of the chain; by default the name of the <robot>, or of the file.
     arms: measured links of the other arms; the weight of the other arms is not included in this chain. The joints of
     the chain are its revolute, continuous and prismatic joints; mimic joints follow the leading joint. Joints off the
-    chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis, the frames of
-    the slots are rotated so that the joint axis is z.
+    chain stay at their neutral value, and their links weigh on the chain. If a joint axis is not a coordinate axis,
+    the frames of the slots are rotated so that the joint axis is z.
     Raises InputError if the file is unreadable as URDF, `frame` is not a link beyond a moving joint, or a joint of the
     chain is floating or planar.
     """

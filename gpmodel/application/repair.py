@@ -264,7 +264,7 @@ def _numbers(
 ) -> Iterator[Renewed]:
     """Yield every changed parameter except the set-up: effects, and tool points in the axes of the flange.
 
-    called: names of changes, by terms of the changes' effects.
+    called: pairs of the terms of a change's effects and the name of the change.
     """
     now, problem = fit.session.saved, fit.problem
     count, names = problem.placement, problem.placement_names

@@ -281,8 +281,8 @@ def _telling(
 ) -> list[tuple[Array, Array]]:
     """Return for each constant the joint values, rad and m, where its candidate differs most, and the distances, m.
 
-    found: index of the constant, alternative candidate, and coefficients of the candidate. Candidates of one constant
-    are solved together.
+    found: for each alternative the index of a constant, the candidate, and the coefficients of the candidate.
+    Candidates of one constant are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)

@@ -63,7 +63,8 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     If the residual of registration and tool is far above real errors at most poses, other interpretations of the
     columns are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
     pose before or after, two set-ups in one, and many bad measurements. An interpretation is named if it reduces the
-    residual by the factor FAR_BETTER. For several arms only degrees in place of radians are tested.
+    residual by the factor FAR_BETTER. For several arms, joint values in degrees instead of radians
+    are the only tested interpretation.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)

@@ -64,8 +64,8 @@ def fit_film(
     squares.
 
     film: `design_film` or `spherical_film`, which gives the flow and the socket pressure that carry the load. The flow
-    ratio `passed` is the flow through an orifice over the flow by the orifice formula. Raises InputError below 3 rows,
-    or for an impossible row.
+    ratio `passed` is the flow through an orifice over the flow by the orifice formula. Raises InputError for a table of
+    fewer than 3 rows, or for a physically impossible row.
     """
     given, at, held = np.broadcast_arrays(
         positive("inlet pressure", inlet, "Pa"), positive("lift", lift, "m"), positive("load", load, "N")
