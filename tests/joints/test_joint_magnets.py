@@ -24,7 +24,7 @@ from joints.preload import (
     three_contact_limit,
 )
 from joints.settings import DATA, read_toml
-from joints.studies.pugh import PughChart, pugh_chart, read_mark
+from joints.studies.pugh import PughChart, read_mark
 
 AGREEMENT = 0.10
 """Agreement of predicted and measured preloads in the thesis: within 10 % (sections 3.6 and 3.7)."""
@@ -192,8 +192,7 @@ def test_impossible_input_is_refused_in_one_line(call: object, words: str) -> No
 
 
 def thesis_chart(index: int) -> PughChart:
-    entry = read_toml(DATA / "pugh.toml")["chart"][index]
-    return pugh_chart(entry["title"], entry["concepts"], entry["marks"])
+    return PughChart(**read_toml(DATA / "pugh.toml")["chart"][index])
 
 
 @pytest.mark.parametrize(
@@ -203,13 +202,13 @@ def thesis_chart(index: int) -> PughChart:
 )
 def test_totals_of_the_thesis(index: int, criteria: int, scores: list[int]) -> None:
     chart = thesis_chart(index)
-    assert len(chart.criteria) == criteria
+    assert len(chart.marks) == criteria
     assert chart.scores.tolist() == scores
     assert (chart.pluses - chart.minuses).tolist() == scores
 
 
 def test_weights_multiply_their_criterion() -> None:
-    chart = pugh_chart("t", ["a", "b"], {"x": ["+", "-"], "y": ["0", "++"]}, {"x": 3})
+    chart = PughChart(["a", "b"], {"x": ["+", "-"], "y": ["0", "++"]}, {"x": 3}, "t")
     assert chart.scores.tolist() == [3, -1]
     assert chart.pluses.tolist() == [1, 2]
     assert chart.minuses.tolist() == [0, 1]
@@ -234,4 +233,4 @@ def test_bad_charts_are_refused(
     concepts: list[str], marks: dict[str, list[str]], weights: dict[str, float] | None, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        pugh_chart("t", concepts, marks, weights)
+        PughChart(concepts, marks, weights or {}, "t")
