@@ -6,14 +6,15 @@ rotation about the vertical does not change the inclination.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.model.observation import Own, Tips
+from gpmodel.model.observation import OfLinks, Own, Tips
 from gpmodel.numerics import se3
 
 VERTICAL = "vertical"
@@ -24,7 +25,7 @@ STEEPEST = np.radians(89.9)
 
 
 @dataclass(frozen=True, eq=False)
-class Inclination:
+class Inclination(OfLinks):
     """Measurements of inclinometers on links of a mechanism.
 
     values: measured inclinations (poses, 2), rad.
@@ -37,11 +38,8 @@ class Inclination:
     links: tuple[tuple[str, int], ...]
     link: IntArray
     metres: float
-    name: str = field(default="inclination", init=False)
-    unit: str = field(default="rad", init=False)
-    components: int = field(default=2, init=False)
-    absolute: bool = field(default=False, init=False)
-    oriented: bool = field(default=False, init=False)
+    name: ClassVar[str] = "inclination"
+    unit: ClassVar[str] = "rad"
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -53,21 +51,12 @@ class Inclination:
         """Names of the mountings (fixed rotations) of the inclinometers on their links."""
         return tuple(f"inclinometer {name}" for name, _ in self.links)
 
-    @property
-    def readings(self) -> Mask:
-        return np.isfinite(self.values)
-
     def subset(self, rows: IntArray) -> "Inclination":
         return replace(self, values=self.values[rows], link=self.link[rows])
 
     def residual(self, tips: Tips, own: Own) -> Array:
         rise = self._axes(tips, own) @ own[VERTICAL]
         return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
-
-    def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives of zero with respect to the tool frame, since the tool point does not change an
-        inclination."""
-        return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """Return the derivative of an inclination with respect to a rotation ω of a link: (s × up)·ω with the inclined

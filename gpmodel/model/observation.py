@@ -144,6 +144,24 @@ class WithoutUnknowns(OfTip):
         return {}
 
 
+class OfLinks:
+    """Base class of measurements of two components that depend on frames of links, not on the frame of the tip."""
+
+    components: ClassVar[int] = 2
+    absolute: ClassVar[bool] = False
+    oriented: ClassVar[bool] = False
+    values: Array
+
+    @property
+    def readings(self) -> Mask:
+        """Mask of the measured components, (poses, 2)."""
+        return np.isfinite(self.values)
+
+    def by_tip(self, tips: Tips, own: Own) -> Array:
+        """Return derivatives of zero, since the tool point does not change the measurement."""
+        return np.zeros((len(self.values), 2, 6))
+
+
 @dataclass(frozen=True)
 class Point(WithoutUnknowns):
     """Position of the tip in the frame of the instrument: values (poses, 3), m."""

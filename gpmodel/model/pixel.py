@@ -6,16 +6,17 @@ the pose C of the camera and unknown lens parameters are estimated.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model import lens
-from gpmodel.model.observation import Own, Tips
+from gpmodel.model.observation import OfLinks, Own, Tips
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
@@ -204,7 +205,7 @@ class Board(Mounted):
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class Pixels(OfLinks):
     """Measured pixels of corners. camera, board: index of the camera and of the board of each row, -1 for no
     measurement.
 
@@ -219,11 +220,8 @@ class Pixels:
     corner: Array
     view: IntArray
     metres: float
-    name: str = field(default="pixel", init=False)
-    unit: str = field(default="px", init=False)
-    components: int = field(default=2, init=False)
-    absolute: bool = field(default=False, init=False)
-    oriented: bool = field(default=False, init=False)
+    name: ClassVar[str] = "pixel"
+    unit: ClassVar[str] = "px"
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -239,10 +237,6 @@ class Pixels:
         carried += [f"board {b.name}" for b in self.boards if b.slot != WORLD]
         return (*carried, *(f"lens {c.name}" for c in self.cameras if c.solved))
 
-    @property
-    def readings(self) -> Mask:
-        return np.isfinite(self.values)
-
     def subset(self, rows: IntArray) -> "Pixels":
         return replace(
             self, values=self.values[rows], camera=self.camera[rows], board=self.board[rows], corner=self.corner[rows],
@@ -252,11 +246,6 @@ class Pixels:
     def residual(self, tips: Tips, own: Own) -> Array:
         seen = self._seen(tips, own)
         return np.where(self.readings, self.values - lens.pixels(seen.points, seen.lens), np.nan)
-
-    def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives of zero with respect to the tool frame, since the tool point is not in the camera's
-        image."""
-        return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """Return the derivatives of pixels with respect to the frames of the links that carry a camera or a board."""
