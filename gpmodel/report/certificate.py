@@ -199,13 +199,10 @@ def _unseen(report: Report) -> str:
 
 def html(found: Certificate, kicker: str) -> str:
     """Return the certificate as a page that prints to one or two sides of A4. kicker: name of the mechanism."""
-    from gpmodel.report.figures import drawn
-
     picture = (
         histogram(found.errors, found.tolerance_mm, (found.before, found.predicted)) if len(found.errors) else None
     )
-    drawing = drawn([picture])[picture.name] if picture else ""
-    return render("certificate.html.j2", c=found, kicker=kicker, picture=picture, drawing=drawing)
+    return render("certificate.html.j2", c=found, kicker=kicker, picture=picture)
 
 
 def _judged(errors: Array | None, tolerance_mm: float | None) -> str:

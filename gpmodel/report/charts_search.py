@@ -26,6 +26,7 @@ from gpmodel.report.picture import (
     forest,
     linked,
     log_axis,
+    named_rows,
     numbers,
     rows_only,
     signed,
@@ -92,7 +93,7 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
     use, null, chances = (numbers(c) for c in (histogram.referring, histogram.referring_by_chance, histogram.p_values))
     kinds = [(name, numbers(c)) for name, c in histogram.counts.items() if any(c)]
     order = _shown(histogram)
-    axes.set_ylim(len(order) - 0.4, -0.6)
+    named_rows(axes, [names[k] for k in order])
     strong = set(histogram.significant)
     for row, k in enumerate(order):
         colour = AFTER if names[k] in strong else BEFORE
@@ -104,16 +105,12 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
         if names[k] in strong and chances[k] > 0:
             axes.annotate(f"p {chances[k]:.2g}", (use[k], row - 0.18), (4, 0), textcoords="offset points", va="center",
                           color=AFTER, fontsize=8.5, weight="bold")  # fmt: skip
-    axes.set_yticks(range(len(order)), [names[k] for k in order])
     for tick, k in zip(axes.get_yticklabels(), order, strict=True):
         if names[k] in strong:
             tick.set(color=AFTER, weight="bold")
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
     axes.set_xlim(0, 1.18 * max(use.max(), null.max(), 1))
     axes.locator_params(axis="x", integer=True)
     axes.set_xlabel("best programs that contain the input")
-    axes.grid(axis="x")
     looks = zip(FILLED, kinds, strict=False)
     named = ", ".join(f"{name} ({'filled' if filled else 'hollow'})" for filled, (name, _) in looks)
     real = named if len(kinds) > 1 else "on the residual"
@@ -206,18 +203,14 @@ def _fitness(figure: Figure, runs: Sequence[Run]) -> None:
 
 def _operators(figure: Figure, rows: Sequence[tuple[str, ...]]) -> None:
     axes = figure.subplots()
-    axes.set_ylim(len(rows) - 0.4, -0.6)
+    named_rows(axes, [row[0] for row in rows])
     for place, (_, *counts) in enumerate(rows):
         left = 0
         for filled, count in zip(FILLED, map(int, counts), strict=False):
             axes.barh(place, count, 0.6, left=left, color=AFTER if filled else PAPER, ec=AFTER, lw=0.8)
             left += count
-    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", integer=True)
     axes.set_xlabel("best programs that use it")
-    axes.grid(axis="x")
 
 
 def _compensation(figure: Figure, best: CompensationRecord) -> None:

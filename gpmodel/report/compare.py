@@ -312,11 +312,10 @@ def _draw(figure: Figure, changes: Sequence[Change]) -> None:
 
 def html(found: Comparison) -> str:
     """Return the comparison of two calibrations as an HTML page."""
-    from gpmodel.report.figures import drawn
     from gpmodel.report.page import render
 
     chart = picture([c for _, changes in tables(found) for c in changes])
     return render(
-        "compare.html.j2", found=found, verdict=verdict(found), cells=cells, tables=tables(found), sides=SIDES,
-        picture=chart, drawing=drawn([chart])[chart.name] if chart else "",
+        "compare.html.j2",
+        found=found, verdict=verdict(found), cells=cells, tables=tables(found), sides=SIDES, picture=chart,
     )  # fmt: skip

@@ -81,12 +81,9 @@ def text(found: Explanation) -> str:
 
 def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
     """Return the explanation of a finding as an HTML page."""
-    from gpmodel.report.figures import drawn
-
     found = explain(report, number, tellable)
     picture = next((p for p in charts_errors.pictures(report) if p.name == f"moved_{number}"), None)
-    drawing = drawn([picture])[picture.name] if picture else ""
-    return render("explain.html.j2", report=report, found=found, picture=picture, drawing=drawing)
+    return render("explain.html.j2", report=report, found=found, picture=picture)
 
 
 def _chain(report: Report, effect: EffectRecord) -> str:

@@ -19,9 +19,7 @@ from matplotlib.figure import Figure
 
 from gpmodel.executor import Forks, called_beside
 from gpmodel.files import write_bytes
-from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
-from gpmodel.report.schema import Report
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -79,13 +77,8 @@ def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
         fonts.disabled = False
 
 
-def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
-    """Return inline SVG of every picture of the report by name; with `folder`, write `figures/NAME.png` there too."""
-    return drawn(pictures(report), folder)
-
-
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
-    """Draw the pictures of a report in parallel; return inline SVG by name."""
+    """Draw pictures in parallel; return inline SVG by name. With `folder`, write `figures/NAME.png` there too."""
     return draw_during(pictures, folder, lambda: None, Forks())[0]
 
 

@@ -32,7 +32,7 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:
-    """Return the report page as HTML. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
+    """Return the report page as HTML. drawings: inline SVG of the report's pictures by name, from `figures.drawn`."""
     poses = pose_errors(report)
     return render(
         "report.html.j2",
@@ -54,6 +54,13 @@ def render(template: str, **content: object) -> str:
     return str(_environment().get_template(template).render(**content))
 
 
+def drawing(picture: Picture) -> str:
+    """Draw a picture; return inline SVG."""
+    from gpmodel.report.figures import drawn
+
+    return drawn([picture])[picture.name]
+
+
 @cache
 def _environment() -> Environment:
     environment = Environment(
@@ -69,8 +76,8 @@ def _environment() -> Environment:
         shortened=partial(wording.shortened, length=NAME), unbroken=unbroken,
     )  # fmt: skip
     environment.globals.update(
-        words=words, measured=wording.measured,
-        chance=wording.chance, script=script, script_hash=script_hash,
+        words=words, measured=wording.measured, chance=wording.chance, drawing=drawing,
+        script=script, script_hash=script_hash,
     )  # fmt: skip
     return environment
 

@@ -95,21 +95,27 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
     axes.grid(axis="x")
 
 
+def named_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Draw one horizontal row per name, the first on top."""
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.grid(axis="x")
+
+
 def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
     """Draw values ± standard errors, one per named row, with filled symbols for significant values.
     rows: name, value, standard error, True if significant. label: label of the axis."""
-    axes.set_ylim(len(rows) - 0.4, -0.6)
+    named_rows(axes, [name for name, *_ in rows])
     axes.axvline(0, color=AXIS, lw=1)
     for row, (_, value, deviation, clear) in enumerate(rows):
         colour = AFTER if clear else BEFORE
         axes.plot([value - deviation, value + deviation], [row, row], color=colour, lw=1.6)
         axes.plot(value, row, "o", mfc=colour if clear else PAPER, mec=colour, ms=4.5)
-    axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
-    axes.tick_params(axis="y", length=0, labelsize=8)
-    axes.spines["left"].set_visible(False)
+    axes.tick_params(axis="y", labelsize=8)
     signed(axes.xaxis)
     axes.set_xlabel(label)
-    axes.grid(axis="x")
 
 
 def signed(*axes: Axis) -> None:

@@ -228,14 +228,10 @@ def _draw(figure: Figure, record: Verification) -> None:
 
 def html(record: Verification) -> str:
     """Return the verification of a model as an HTML page."""
-    from gpmodel.report.figures import drawn
-
-    shown = picture(record)
     answer, _, *rest = sentences(record)  # the tiles show the errors of the second sentence
     return render(
-        "verify.html.j2", record=record, answer=answer, rest=rest, facts=list(facts(record)), picture=shown,
-        drawing=drawn([shown])[shown.name], rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY,
-        size=partial(size, record),
+        "verify.html.j2", record=record, answer=answer, rest=rest, facts=list(facts(record)), picture=picture(record),
+        rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY, size=partial(size, record),
     )  # fmt: skip
 
 

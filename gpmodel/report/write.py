@@ -10,9 +10,9 @@ from gpmodel.report.schema import Report
 
 def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
     """Write report.json, report.html, explore.html, poses.csv and figures/ into `folder`; return the file paths."""
-    from gpmodel.report.figures import draw
+    from gpmodel.report.figures import drawn
 
-    return write_pages(report, draw(report, folder), folder)
+    return write_pages(report, drawn(page.pictures(report), folder), folder)
 
 
 def write_pages(report: Report, drawings: Mapping[str, str], folder: Path) -> tuple[Path, ...]:

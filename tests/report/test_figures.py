@@ -19,6 +19,7 @@ from report_runs import REPORTS, calibrated, discovered
 
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore, figures, poses
+from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER, broken
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import PlotRecord, SideErrors
@@ -27,7 +28,7 @@ SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "rows"}
 
 
 def drawn(report: Report, name: str) -> Any:
-    picture = next(p for p in figures.pictures(report) if p.name == name)
+    picture = next(p for p in pictures(report) if p.name == name)
     figure = Figure(figsize=(picture.width, picture.height))
     picture.draw(figure)
     return figure
@@ -36,8 +37,8 @@ def drawn(report: Report, name: str) -> Any:
 @pytest.mark.long
 def test_every_picture_the_numbers_allow_is_a_png_of_its_size(tmp_path: Path) -> None:
     report = discovered()
-    drawings = figures.draw(report, tmp_path)
-    sizes = {p.name: (p.width, p.height) for p in figures.pictures(report)}
+    drawings = figures.drawn(pictures(report), tmp_path)
+    sizes = {p.name: (p.width, p.height) for p in pictures(report)}
     assert set(drawings) == set(sizes) >= {*SOME, "inputs_1", "search", "shape_1", "parameters_angles"}
     for name, size in sizes.items():
         content = (tmp_path / "figures" / f"{name}.png").read_bytes()
@@ -48,7 +49,7 @@ def test_every_picture_the_numbers_allow_is_a_png_of_its_size(tmp_path: Path) ->
 
 @pytest.mark.long
 def test_no_text_of_a_picture_is_cut_at_its_edge() -> None:
-    for picture in figures.pictures(discovered()):
+    for picture in pictures(discovered()):
         drawing = figures.figure(picture)
         figures.svg_of(drawing)
         box = drawing.get_tightbbox()
@@ -58,13 +59,13 @@ def test_no_text_of_a_picture_is_cut_at_its_edge() -> None:
 
 @pytest.mark.parametrize("case", REPORTS)
 def test_each_kind_of_result_has_its_pictures(case: str) -> None:
-    assert {p.name for p in figures.pictures(REPORTS[case]())} >= SOME
+    assert {p.name for p in pictures(REPORTS[case]())} >= SOME
 
 
 @pytest.mark.long
 def test_the_same_report_gives_the_same_files(tmp_path: Path) -> None:
     report = calibrated(0.0)
-    assert figures.draw(report, tmp_path / "a") == figures.draw(report, tmp_path / "b")
+    assert figures.drawn(pictures(report), tmp_path / "a") == figures.drawn(pictures(report), tmp_path / "b")
     first, second = ((tmp_path / k / "figures" / "ladder.png").read_bytes() for k in ("a", "b"))
     assert first == second
 
@@ -108,7 +109,7 @@ def test_cumulative_ends_at_all_poses_and_the_largest_error() -> None:
 def test_every_dot_says_its_row_and_leads_to_it() -> None:
     report = discovered()
     for name, count in (("rows", 6 * report.data.poses), ("shape_1", len(report.plots.shapes[0].x))):
-        svg = figures.draw(report)[name]
+        svg = figures.drawn(pictures(report))[name]
         rows = re.findall(r'<a href="explore.html#row=(\d+)" tabindex="-1"><title>row (\d+)</title>', svg)
         assert len(rows) == count
         assert all(a == b for a, b in rows)
@@ -214,14 +215,14 @@ def test_where_no_points_were_measured_there_is_no_picture_of_them() -> None:
     report = discovered()
     nothing = {name: tuple((None, None, None) for _ in rows) for name, rows in report.plots.residual_mm.items()}
     seen = dataclasses.replace(report, plots=dataclasses.replace(report.plots, residual_mm=nothing))
-    assert not {"rows", "arrows_above"} & {p.name for p in figures.pictures(seen)}
+    assert not {"rows", "arrows_above"} & {p.name for p in pictures(seen)}
 
 
 @pytest.mark.parametrize(("folds", "said"), [(0, "Filled dots: held out."), (5, "Residual of the fit to all poses.")])
 def test_residuals_along_the_rows_say_which_fit_they_are_of(folds: int, said: str) -> None:
     made = discovered()
     report = dataclasses.replace(made, data=dataclasses.replace(made.data, folds=folds))
-    (caption,) = (p.caption for p in figures.pictures(report) if p.name == "rows")
+    (caption,) = (p.caption for p in pictures(report) if p.name == "rows")
     assert caption.endswith(said)
 
 

@@ -22,7 +22,7 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore
-from gpmodel.report.figures import draw
+from gpmodel.report.figures import drawn
 from gpmodel.report.page import html, pictures
 from gpmodel.report.saved import as_dict, from_json, read_report, to_json
 from gpmodel.report.schema import ErrorsMm, ParameterRecord, Report
@@ -68,7 +68,7 @@ class Page(HTMLParser):
 
 @cache
 def drawings(case: str) -> dict[str, str]:
-    return draw(REPORTS[case]())
+    return drawn(pictures(REPORTS[case]()))
 
 
 def page(report: Report) -> Page:
@@ -212,7 +212,7 @@ def test_text_from_the_table_is_never_markup() -> None:
     data = dataclasses.replace(report.data, file=evil)
     effects = (dataclasses.replace(report.effects[0], name=evil),)
     changed = dataclasses.replace(report, data=data, effects=effects, verdict=evil)
-    for text in (html(changed, {}), explore.html(changed), *draw(changed).values()):
+    for text in (html(changed, {}), explore.html(changed), *drawn(pictures(changed)).values()):
         assert evil not in text
     assert evil in page(changed).text
 
