@@ -173,9 +173,6 @@ def test_what_is_refused_is_one_line_with_its_row(tmp_path: Path) -> None:
     frame = pd.read_csv(table, dtype=str)
     said = one_line(run("check", table, "--mechanism", ARM), 2)
     assert "expected --cameras FILE.toml too" in said
-    few = write(frame.drop(index=range(3, 20)), tmp_path / "few.csv")
-    said = one_line(run("calibrate", few, "--mechanism", ARM, *options), 2)
-    assert "row 1: camera 'C' sees 3 corners in one pose; expected at least 4" in said
     frame.loc[4, "camera"] = "D"
     said = one_line(run("check", write(frame, tmp_path / "unknown.csv"), "--mechanism", ARM, *options), 2)
     assert "row 5: camera 'D' is unknown; expected C" in said
@@ -193,23 +190,6 @@ def test_pixels_that_no_camera_saw_are_refused(tmp_path: Path) -> None:
         for command in ("check", "calibrate"):
             path = write(frame, tmp_path / "other.csv")
             assert said in one_line(run(command, path, "--mechanism", ARM, *options), 2)
-
-
-@pytest.mark.long
-def test_touches_that_say_too_little_are_refused(tmp_path: Path) -> None:
-    table, _ = simulated("points", tmp_path)
-    frame = pd.read_csv(table, dtype=str)
-    frame.loc[5, "same_point"] = "alone"
-    said = one_line(run("check", write(frame, tmp_path / "alone.csv"), "--mechanism", ARM), 2)
-    assert "row 6: 'alone' has one touch; expected at least 2" in said
-    table, _ = simulated("planes", tmp_path)
-    frame = pd.read_csv(table, dtype=str)
-    touched = frame.index[frame["on_plane"] == "A"]
-    first = [c for c in frame.columns if "[deg]" in c]
-    frame.loc[touched, first] = frame.loc[touched[0], first].to_numpy()
-    frame.loc[touched, first[0]] = [str(0.01 * k) for k in range(len(touched))]
-    said = one_line(run("calibrate", write(frame, tmp_path / "line.csv"), "--mechanism", ARM), 2)
-    assert "on_plane A: touched along a line; expected touches spread over the plane" in said
 
 
 @pytest.mark.long

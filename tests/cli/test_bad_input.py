@@ -73,8 +73,6 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
         ("rows 1 and 2 are one pose", "mm apart"),
     ),
     "too large to be measured": (cell("x [mm]", 2, "1e300"), ("column 'x'", "row 3", "1e+300")),
-    "column without a name": (lambda: GOOD.assign(**{"": "1"}), ("column 10 has no name",)),
-    "column twice": (renamed(y_mm="x [m]"), ("column 'x' appears twice",)),
     "text in numbers": (
         cell("z [mm]", 6, "n/a"),
         ("column 'z'", "row 7", "'n/a' is no number", "or try gpmodel import"),
@@ -195,20 +193,12 @@ def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:
 
 OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
-    "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "does not exist for")),
-    "effect of too many instances": (
-        ("--effect", "transmission_ripple"),
-        ("transmission_ripple", "expected one, for example"),
-    ),
-    "effect at an unknown slot": (("--effect", "J9.moving:Rz:1"), ("slot 'J9.moving' is unknown", "J6.moving")),
-    "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
     "effect of an unknown input": (
         ("--effect", "J1.moving:Rz:sin(temperature)"),
         ("'temperature' is neither in the table", "torque_J6"),
     ),
     "effect that is no expression": (("--effect", "J1.moving:Rz:sin("), ("was never closed",)),
     "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("cannot read", "the functions ")),
-    "effect infinite at a pose": (("--effect", "J1.moving:Rz:1/(row-3)"), ("infinite or undefined",)),
     "effect named twice": (
         ("--effect", "gear_harmonic J4", "--effect", "gear_harmonic J4"),
         ("--effect", "is named twice"),

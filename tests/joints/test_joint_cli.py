@@ -131,7 +131,6 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("preload", 'socket_angle = "95 deg"', r"socket angle \[deg\] = 95, expected above 0 and at most 90 deg"),
         ("preload", 'seat_radius = "-1 mm"', "magnet seat radius = -0.001"),
         (
             "preload",
@@ -146,8 +145,6 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("preload", 'seat_radius = "1e300 m"', "seat_radius: '1e300 m', expected at most 100 m"),
         ("film", 'preload = "1e300 N"', "preload: '1e300 N', expected at most"),
         ("film", 'clearance = "-10 um"', "radial clearance = -1e-05, expected above 0 m"),
-        ("film", 'preload = "-1 N"', "preload = -1"),
-        ("film", 'displacements = ["-5 um"]', "displacement = -5e-06"),
         ("film", '[orifice]\nlaw = "magic"', "orifice.law = 'magic', expected linear, nozzle"),
         ("film", '[orifice]\ntemperature = "-20 K"', "air temperature = -20, expected above 0 K"),
         ("dynamics", "[orifice]\ndischarge = 0", "discharge coefficient = 0, expected above 0 and at most 1"),
@@ -157,7 +154,6 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("stiffness", '[measured]\npeak_force = "-90 N"', "measured.peak_force = -90, expected above 0 N"),
         ("budget", "draws = 10000001", "10000001 draws; expected at least one of each, and at most 1000000 draws"),
         ("contact_types", 'type = "text"', r"no contact type; expected \[\[type\]\] entries"),
-        ("stiffness", 'inlet_pressure = "-1 atm"', "inlet pressure = -101325, expected at least 0 Pa"),
         ("stiffness", '[measured]\nfile = "none.csv"', "none.csv: cannot be read"),
         ("dynamics", 'ball_radius = "0 mm"', "ball radius = 0"),
         ("dynamics", '[response]\nhighest = "0.5 Hz"', "response.highest = 0.5, expected above 1 Hz"),

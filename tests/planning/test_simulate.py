@@ -65,12 +65,10 @@ def test_noise_is_what_was_asked_for() -> None:
         ("base_compliance=3 kg", "is no value"),
         ("joint_compliance=1e-7", "expected one of joint compliance, J2"),
         ("gremlins=3", "'gremlins' is unknown"),
-        ("J9.moving:Rz:1=3", "slot 'J9.moving' is unknown"),
-        ("J1.moving:Rz:1/(row-2)=1e-4", "infinite or undefined"),
     ],
 )
 def test_effects_that_cannot_be_planted(text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said.replace("(", r"\(")):
+    with pytest.raises(InputError, match=said):
         robot(5, effects=(text,))
 
 
