@@ -39,13 +39,11 @@ ARITHMETIC_THEN = 15.9
 """Milliseconds of one core that the arithmetic of an evaluation took on the machine of the goals, as they were set."""
 
 
-def timed(work: Callable[[], Any], repeats: int, before: Callable[[], Any] = int) -> dict[str, float]:
-    """Milliseconds of ``work`` after one call to warm up, each after an untimed ``before``."""
-    before()
+def timed(work: Callable[[], Any], repeats: int) -> dict[str, float]:
+    """Milliseconds of ``work`` after one call to warm up."""
     work()
     wall, cpu = [], []
     for _ in range(repeats):
-        before()
         begin, used = time.perf_counter(), time.process_time()
         work()
         wall.append(1e3 * (time.perf_counter() - begin))
@@ -103,28 +101,25 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
     bred = full_trees(TreeBreeding(layout), 16384, 1)
     columns = dict(zip(names, np.random.default_rng(0).normal(size=(6, poses)), strict=True))
     fixed = layout.fixed_rows(np.stack(list(columns.values())))
-    population = Trees(tuple(Individual((tree,)) for tree in bred))
-    forest = population.forest
+    population = Trees(tuple(Individual.of((tree,)) for tree in bred))
 
-    def forget(every: int) -> None:
-        for one in population.individuals[::every]:
-            one.codes = ()
+    def packed(every: int) -> None:
+        """Convert all individuals to codes, of which one in ``every`` is new."""
+        individuals = list(population.individuals)
+        individuals[::every] = [Individual.of(one.trees) for one in individuals[::every]]
+        Trees(tuple(individuals)).forest  # noqa: B018
 
     first = np.empty(16384)
 
     def evaluate() -> None:
         for begin in range(0, 16384, 512):
             part = slice(begin, begin + 512)
-            first[part] = engine.values(forest.decoded(layout, part), fixed)[:, 0, 0]
+            first[part] = engine.values(population.decoded(layout, part), fixed)[:, 0, 0]
 
     rows = {
         "here": timed(evaluate, repeats),
-        "here, DEAP trees to codes, all new": timed(
-            lambda: Trees(population.individuals).forest, repeats, lambda: forget(1)
-        ),
-        "here, DEAP trees to codes, a third new": timed(
-            lambda: Trees(population.individuals).forest, repeats, lambda: forget(3)
-        ),
+        "here, DEAP trees to codes, all new": timed(lambda: packed(1), repeats),
+        "here, DEAP trees to codes, a third new": timed(lambda: packed(3), repeats),
     }
     peers = {"DEAP compile and call": deap_evaluate}
     if find_spec("gplearn"):

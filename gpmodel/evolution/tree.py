@@ -12,11 +12,7 @@ from gpmodel.evolution.representation import Population, Rows, check_ranges
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
 if TYPE_CHECKING:
-    from gpmodel.evolution.tree_breeding import TreeBreeding
     from gpmodel.evolution.tree_population import Trees
-
-SHALLOW, DEEPEST_START = 1, 4
-"""Smallest and largest depth of initial trees by ramped half-and-half (Koza 1992: 2 to 6, for larger populations)."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +53,13 @@ class Tree:
         )  # fmt: skip
 
     def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> "Trees":
-        return self._breeding(layout).initial(population, rng)
+        from gpmodel.evolution.tree_breeding import TreeBreeding
+
+        return TreeBreeding(layout, self).initial(population, rng)
 
     def offspring(
         self, layout: Layout, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator
     ) -> "Trees":
-        return self._breeding(layout).offspring(parents, mothers, fathers, rng)
-
-    def _breeding(self, layout: Layout) -> "TreeBreeding":
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
-        deepest = min(DEEPEST_START, self.depth)
-        return TreeBreeding(layout, self.style, self.depth, SHALLOW, deepest, self.crossover)
+        return TreeBreeding(layout, self).offspring(parents, mothers, fathers, rng)

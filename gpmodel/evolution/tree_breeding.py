@@ -10,18 +10,30 @@ import random
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 from deap import base, gp
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import Population
-from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
+from gpmodel.evolution.tree import Tree
+from gpmodel.evolution.tree_population import (
+    OPERATOR_CODES,
+    OWN_BYTE,
+    ConstantNode,
+    ElementNode,
+    Individual,
+    OperatorNode,
+    Trees,
+)
+
+SHALLOW, DEEPEST_START = 1, 4
+"""Smallest and largest depth of initial trees by ramped half-and-half (Koza 1992: 2 to 6, for larger populations)."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """Lock held while DEAP runs, because all threads share its random generator."""
@@ -40,19 +52,10 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class TreeBreeding:
-    """Creation and variation of programs that are trees.
-
-    style: style as in ``Tree``; the variation operators of "thesis" are completed so that every tree is valid.
-    shallow, start_depth: smallest and largest depth of initial trees, by ramped half-and-half.
-    depth: largest depth of a tree.
-    """
+    """Creation and variation of programs that are trees, with the settings ``tree``."""
 
     layout: Layout
-    style: str = "koza"
-    depth: int = 12
-    shallow: int = 1
-    start_depth: int = 4
-    crossover: float = 0.6
+    tree: Tree = field(default_factory=Tree)
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
@@ -78,25 +81,22 @@ class TreeBreeding:
     def toolbox(self) -> base.Toolbox:
         """Variation operators as a DEAP toolbox."""
         toolbox = base.Toolbox()
-        toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=self.shallow, max_=self.start_depth)
-        toolbox.register("grown", gp.genFull, min_=0, max_=2)
-        if self.style == "koza":
+        deepest = min(DEEPEST_START, self.tree.depth)
+        toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=SHALLOW, max_=deepest)
+        if self.tree.style == "koza":
             toolbox.register("mate", gp.cxOnePoint)
-            toolbox.register("mutate_structure", gp.mutUniform, expr=toolbox.grown, pset=self.primitives)
+            grown = partial(gp.genFull, min_=0, max_=2)
+            toolbox.register("mutate_structure", lambda own, _: gp.mutUniform(own, grown, self.primitives))
         else:
-            toolbox.register("mate", partial(depth_first_crossover, primitives=self.primitives))
-            toolbox.register("mutate_structure", partial(structure_mutation, primitives=self.primitives))
-        toolbox.register("mutate_operator", gp.mutNodeReplacement, pset=self.primitives)
+            toolbox.register("mate", depth_first_crossover, primitives=self.primitives)
+            toolbox.register("mutate_structure", structure_mutation, primitives=self.primitives)
+        toolbox.register("mutate_operator", lambda own, _: gp.mutNodeReplacement(own, self.primitives))
         return toolbox
 
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
         with _deap_random(rng):
-            return Trees(
-                tuple(
-                    Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
-                    for _ in range(population)
-                )
-            )
+            starts = [[self.toolbox.start() for _ in range(self.layout.outputs)] for _ in range(population)]
+        return Trees(tuple(Individual.of(map(gp.PrimitiveTree, trees)) for trees in starts))
 
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
@@ -111,19 +111,13 @@ class TreeBreeding:
     def _child(self, mother: Individual, father: Individual) -> Individual:
         place = gp.random.randrange(len(mother.trees))
         own = gp.PrimitiveTree(mother.trees[place])
-        other = father.trees[gp.random.randrange(len(father.trees))]
-        toolbox = self.toolbox
-        if gp.random.random() < self.crossover:
-            child = toolbox.mate(own, gp.PrimitiveTree(other))[0]
-        elif self.style == "thesis":
-            child = (
-                toolbox.mutate_structure(own, other)[0] if gp.random.random() < 0.5 else toolbox.mutate_operator(own)[0]
-            )
-        elif gp.random.random() < 0.5:
-            child = toolbox.mutate_structure(own)[0]
+        other = gp.PrimitiveTree(father.trees[gp.random.randrange(len(father.trees))])
+        if gp.random.random() < self.tree.crossover:
+            vary = self.toolbox.mate
         else:
-            child = toolbox.mutate_operator(own)[0]
-        if len(child) > self.depth + 1 and child.height > self.depth:
+            vary = self.toolbox.mutate_structure if gp.random.random() < 0.5 else self.toolbox.mutate_operator
+        child = vary(own, other)[0]
+        if len(child) > self.tree.depth + 1 and child.height > self.tree.depth:
             return mother
         return mother.replaced(place, child)
 
@@ -132,13 +126,9 @@ def _complete(
     prefix: Sequence[gp.Primitive], supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet
 ) -> gp.PrimitiveTree:
     """Return the tree of ``prefix``, completed by nodes of ``supply``, or by random leaves if the supply ends."""
-    nodes = []
-    missing = 1
-    for node in prefix:
-        nodes.append(node)
-        missing += node.arity - 1
+    nodes, missing, pending = [], 1, chain(prefix, supply)
     while missing > 0:
-        node = next(supply, None)
+        node = next(pending, None)
         if node is None:
             node = gp.random.choice(primitives.terminals[object])
             node = node() if type(node) is gp.MetaEphemeral else node

@@ -1,8 +1,10 @@
 """Trees as DEAP objects with codes for the compiled loops; DEAP never compiles the trees."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate, chain
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from deap import gp
@@ -10,8 +12,17 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.code import Code
-from gpmodel.evolution.forest import OWN_BYTE, OWN_CONSTANT, Forest
+from gpmodel.evolution.engine import empty_code
 from gpmodel.evolution.machine import Layout
+
+OPERATOR_CODES = 32
+"""First code of a tree node that is an input or a fixed constant; smaller codes are operators."""
+
+OWN_CONSTANT = 16384
+"""First code of a tree node that is one of the constants that a program carries."""
+
+OWN_BYTE = 255
+"""Byte of every constant that a program carries, in a packed tree (one byte per node)."""
 
 
 class OperatorNode(gp.Primitive):
@@ -42,20 +53,24 @@ ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)
 ConstantNode.code = OWN_BYTE
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True)
 class Individual:
-    """Several trees that are bred together. codes: prefix codes of the trees, one byte per node.
-
-    The codes of a tree are empty until the tree is packed. A packed tree is never changed; variation works on a copy.
-    """
+    """Several trees that are bred together. codes: prefix codes of the trees, one byte per node. Variation works on
+    copies of the trees."""
 
     trees: tuple[gp.PrimitiveTree, ...]
-    codes: tuple[bytes, ...] = field(default=(), compare=False)
+    codes: tuple[bytes, ...]
+
+    @staticmethod
+    def of(trees: Iterable[gp.PrimitiveTree]) -> "Individual":
+        """Return the individual of some trees."""
+        every = tuple(trees)
+        return Individual(every, tuple(map(_packed, every)))
 
     def replaced(self, place: int, tree: gp.PrimitiveTree) -> "Individual":
         """Return the individual with `tree` in the position ``place``; the codes of the other trees are kept."""
-        trees, codes = [*self.trees], [*self.codes] or [b""] * len(self.trees)
-        trees[place], codes[place] = tree, b""
+        trees, codes = [*self.trees], [*self.codes]
+        trees[place], codes[place] = tree, _packed(tree)
         return Individual(tuple(trees), tuple(codes))
 
     @property
@@ -64,9 +79,24 @@ class Individual:
         return [node.value for tree in self.trees for node in tree if node.code == OWN_BYTE]
 
 
+def _packed(tree: gp.PrimitiveTree) -> bytes:
+    return bytes([node.code for node in tree])
+
+
+class Forest(NamedTuple):
+    """Programs of several trees each, as flat prefix codes (one code per node).
+
+    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (programs, constants) of each, padded.
+    """
+
+    codes: NDArray[np.int16]
+    bounds: NDArray[np.int32]
+    constants: Array
+
+
 @dataclass(frozen=True)
 class Trees:
-    """A population of individuals (several trees each). forest: codes of the trees for the compiled loops."""
+    """A population of individuals (several trees each)."""
 
     individuals: tuple[Individual, ...]
 
@@ -75,9 +105,7 @@ class Trees:
 
     @cached_property
     def forest(self) -> Forest:
-        """Codes of all trees one after another, with the constants that each individual carries numbered in turn. Only
-        new trees are packed; codes of trees from earlier populations are copied."""
-        self._pack()
+        """Codes of all trees one after another, with the constants that each individual carries numbered in turn."""
         parts = list(chain.from_iterable(individual.codes for individual in self.individuals))
         packed = np.frombuffer(b"".join(parts), np.uint8)
         codes = packed.astype(np.int16)
@@ -95,21 +123,6 @@ class Trees:
             constants[row, number] = [nodes[k].value for k in own.tolist()]
         return Forest(codes, bounds.astype(np.int32), constants)
 
-    def _pack(self) -> None:
-        """Compute the codes of all trees that have none, in one pass."""
-        bare = [one for one in self.individuals if not one.codes]
-        some = [one for one in self.individuals if b"" in one.codes]
-        holed = [(one, k) for one in some for k, code in enumerate(one.codes) if not code]
-        trees = [*chain.from_iterable(one.trees for one in bare), *(one.trees[k] for one, k in holed)]
-        ends = list(accumulate(map(len, trees)))
-        packed = bytes([node.code for tree in trees for node in tree])
-        codes = map(packed.__getitem__, map(slice, [0, *ends], ends))
-        roots = len(self.individuals[0].trees)
-        for one, made in zip(bare, zip(*[codes] * roots, strict=False), strict=False):
-            one.codes = made
-        for (one, k), code in zip(holed, codes, strict=True):
-            one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
-
     def take(self, rows: NDArray[np.intp]) -> "Trees":
         return Trees(tuple(self.individuals[row] for row in rows))
 
@@ -117,7 +130,13 @@ class Trees:
         return Trees(self.individuals + other.individuals)
 
     def decoded(self, layout: Layout, part: slice) -> Code:
-        return self.forest.decoded(layout, part)
+        from gpmodel.evolution.kernels.batch import decode_forest
+
+        codes, bounds, constants = self.forest
+        longest = int(np.max(bounds[part, -1] - bounds[part, 0]))
+        code = empty_code(np.ascontiguousarray(constants[part]), longest, layout.outputs)
+        decode_forest(codes, bounds[part], layout.tables, code)
+        return code
 
     def with_constants(self, row: int, values: Array) -> "Trees":
         remaining = iter(values.tolist())
@@ -130,4 +149,4 @@ class Trees:
                     own.value = next(remaining)
                     copy[k] = own
             trees.append(copy)
-        return Trees((Individual(tuple(trees)),))
+        return Trees((Individual.of(trees),))

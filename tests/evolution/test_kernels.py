@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from gpmodel.evolution import engine, linear
-from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE
 from gpmodel.evolution.kernels import batch, breeding, elementary
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.machine import Layout
@@ -15,6 +14,7 @@ from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.representation import Population, program_of
 from gpmodel.evolution.tree import Tree
+from gpmodel.evolution.tree_population import OPERATOR_CODES, OWN_BYTE
 from gpmodel.formula.operators import ARITHMETIC, BY_CODE, STORE, TABLE_CONSTANTS, Operator, operator_set
 
 SPECIAL = np.array(

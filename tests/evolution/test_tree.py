@@ -7,11 +7,11 @@ import pytest
 from deap import gp
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.forest import OWN_BYTE, OWN_CONSTANT
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import program_of
+from gpmodel.evolution.tree import Tree
 from gpmodel.evolution.tree_breeding import TreeBreeding, depth_first_crossover, structure_mutation
-from gpmodel.evolution.tree_population import Individual, Trees
+from gpmodel.evolution.tree_population import OWN_BYTE, OWN_CONSTANT, Individual, Trees
 from gpmodel.formula.operators import operator_set
 
 LAYOUT = Layout(("a", "b"), operator_set("thesis"), (1.0,), (None, None), 2, 1)
@@ -34,9 +34,9 @@ def whole(tree: gp.PrimitiveTree) -> bool:
 @pytest.mark.parametrize("depth", [3, 12])
 def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -> None:
     rng = np.random.default_rng(1)
-    breeding = TreeBreeding(LAYOUT, style, depth, start_depth=3)
+    breeding = TreeBreeding(LAYOUT, Tree(depth, style=style, crossover=0.6))
     trees = breeding.initial(60, rng)
-    assert {tree.height for i in trees.individuals for tree in i.trees} == {1, 2, 3}
+    assert {tree.height for i in trees.individuals for tree in i.trees} == set(range(1, min(depth, 4) + 1))
     for _ in range(8):
         mothers, fathers = rng.integers(0, 60, (2, 60))
         trees = breeding.offspring(trees, mothers, fathers, rng)
@@ -46,7 +46,7 @@ def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -
 
 @pytest.mark.parametrize("cross", [depth_first_crossover, structure_mutation])
 def test_thesis_crossover_keeps_the_mother_up_to_the_point(cross) -> None:
-    breeding = TreeBreeding(LAYOUT, "thesis", start_depth=5)
+    breeding = TreeBreeding(LAYOUT, Tree(style="thesis"))
     trees = [i.trees[0] for i in breeding.initial(60, np.random.default_rng(2)).individuals]
     random.seed(3)
     changed = 0
@@ -90,10 +90,9 @@ def test_codes_are_those_of_the_nodes_whoever_packed_them_before() -> None:
     rng = np.random.default_rng(9)
     breeding = TreeBreeding(LAYOUT)
     trees = breeding.initial(40, rng)
-    trees.forest  # noqa: B018
     children = breeding.offspring(trees, *rng.integers(0, 40, (2, 40)), rng)
     mixed = children.join(breeding.initial(10, rng))
-    fresh = type(trees)(tuple(Individual(one.trees) for one in mixed.individuals))
+    fresh = type(trees)(tuple(Individual.of(one.trees) for one in mixed.individuals))
     np.testing.assert_array_equal(mixed.forest.codes, fresh.forest.codes)
     np.testing.assert_array_equal(mixed.forest.bounds, fresh.forest.bounds)
     for p, one in enumerate(fresh.individuals):
