@@ -42,7 +42,7 @@ def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int
 
 SEQUENCES = Linear(operators="physics", own_constants=0, outputs=4, registers=6)
 TREES = Tree(operators="physics", own_constants=0, outputs=4)
-BUDGET = Budget(restart_after=25, polish_every=0, target=1.0 - 1e-10)
+BUDGET = Budget(restart_after=25, target=1.0 - 1e-10)
 PARSIMONY = 3.0
 
 

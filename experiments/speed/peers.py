@@ -103,7 +103,7 @@ from gpmodel.evolution.tree import Tree
 x = np.random.default_rng(0).normal(size=(3, 40))
 problem = SlotProblem(Inputs(("a", "b", "c"), x), regression(x[0] * x[1]))
 for kind in (Linear(), Tree()):
-    evolve(problem, Settings(kind, budget=Budget(64, 2, polish_every=1)), np.random.default_rng(0))
+    evolve(problem, Settings(kind, budget=Budget(64, 2)), np.random.default_rng(0))
 """
 
 

@@ -14,6 +14,7 @@ from gpmodel.evidence.score import mdl_gain, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
+from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.runs import KeptRuns, Task, run_all
@@ -86,7 +87,9 @@ def explore(
     tasks = dict(enumerate([*real, *shuffles]))
     first = tasks if context.number == 1 else dict(list(tasks.items())[: len(real)])
     found = run(first, search, context)
-    candidates = candidates_of(residual, sites, search, question, found[: len(real)])
+    makers = (maker_of(label(task.settings.representation)) for task in real)
+    evolved = [(maker, item) for maker, one in zip(makers, found, strict=False) for item in one.front]
+    candidates = candidates_of(residual, sites, search, question, evolved)
     by_chance = found[len(real) :]
     if context.number > 1 and any(s.nats > residual.criteria.minimum_nats for s in scores(residual, candidates)):
         by_chance = run(dict(list(tasks.items())[len(real) :]), search, context)
@@ -124,12 +127,13 @@ def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> lis
 
 def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
-    runs: Sequence[Evolution],
+    evolved: Sequence[tuple[str, Solution]],
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return each distinct program of the runs as a candidate effect at its site, without programs that have a pole.
+    """Return each distinct program as a candidate effect at its site, without programs that have a pole.
 
     The constants of each part of a program are refitted, since one output alone often explains the effect of two
-    outputs. question: the problem of evolution, and its inputs in terms of the table's columns.
+    outputs. question: the problem of evolution, and its inputs in terms of the table's columns. evolved: origin and
+    solution of each program.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question
@@ -140,8 +144,7 @@ def candidates_of(
         return polish(part, problem.targets, site, columns, tuple(held))[0]
 
     found: dict[str, Candidate] = {}
-    makers = [maker_of(label(run.settings.representation)) for run in runs]
-    for maker, item in ((maker, item) for maker, run in zip(makers, runs, strict=True) for item in run.front):
+    for maker, item in evolved:
         for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
             cost = search.cost(program.complexity, len(sites))
             candidate = as_candidate(program, sites[item.site], names, cost, maker)

@@ -1,20 +1,15 @@
-"""Generations of a population of programs: scoring, selection, breeding, and fits of constants at intervals."""
+"""Generations of a population of programs: scoring, selection, and breeding."""
 
 from collections.abc import Iterable
-from functools import reduce
 
 import numpy as np
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.code import Scores
-from gpmodel.evolution.constants import polish
-from gpmodel.evolution.pareto import Archive, program_at
-from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
+from gpmodel.evolution.pareto import Archive
+from gpmodel.evolution.problems import CartesianProblem, Problem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.settings import Settings
-
-POLISHED, STEPS = 4, 8
-"""Number of programs whose constants are fitted at a time; largest number of steps of a fit."""
 
 
 class Generations:
@@ -30,7 +25,6 @@ class Generations:
         if isinstance(problem, CartesianProblem) and self.layout.outputs != 3:
             raise InputError(f"outputs: {self.layout.outputs}, a compensator has 3")
         self.fixed = self.layout.fixed_rows(problem.inputs.values)
-        self.fitted: set[int] = set()
         self.cutoff, self.record = np.inf, np.inf
         self.archive, self.generation, self.idle = Archive(), -1, 0
 
@@ -49,8 +43,6 @@ class Generations:
                 self.population, self.scores = self.population.join(guest), self.scores.join(self.scored(guest))
         else:
             self.population, self.scores = self.next_generation(self.population, self.scores)
-            if self.budget.polish_every and (self.generation + 1) % self.budget.polish_every == 0:
-                self.population, self.scores = self.polished(self.population, self.scores)
         self.generation += 1
         best = float(self.scores.score.min())
         self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
@@ -106,29 +98,3 @@ class Generations:
             found = self.scored(children)
         self.cutoff = float(np.partition(found.score, few - 1)[few - 1])
         return found
-
-    def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Fit the constants of the best programs not fitted before; the fitted programs replace the worst programs."""
-        if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
-            return population, scores
-        columns = self.problem.inputs.mapping()
-        order = np.argsort(scores.score, kind="stable")
-        fresh = [row for row in order[:64].tolist() if int(scores.hashes[row]) not in self.fitted]
-        added: list[Population] = []
-        for row in fresh[:POLISHED]:
-            self.fitted.add(int(scores.hashes[row]))
-            program = program_at(population, row, int(scores.chosen[row]), self.layout)
-            own = population.decoded(self.layout, slice(row, row + 1)).constants[0]
-            held, site = self.layout.constants, int(scores.site[row])
-            better, _ = polish(program, self.problem.targets, site, columns, held, STEPS)
-            change = dict(zip(program.constants, better.constants, strict=True))
-            fitted = np.array([change.get(value, value) for value in own.tolist()])
-            if not np.array_equal(fitted, own):
-                added.append(population.with_constants(row, fitted))
-        if not added:
-            return population, scores
-        children = reduce(lambda left, right: left.join(right), added)
-        found = self.scored(children)
-        self.fitted.update(found.hashes.tolist())
-        keep = order[: len(order) - len(children)]
-        return population.take(keep).join(children), scores.take(keep).join(found)

@@ -117,6 +117,3 @@ class Sequences:
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         decode_sequences(self.genes[part], layout.tables, code)
         return code
-
-    def with_constants(self, row: int, values: Array) -> "Sequences":
-        return Sequences(self.genes[row : row + 1], values[None, :])

@@ -49,7 +49,7 @@ MOST_INPUTS = 2
 """Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best link
 function."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
-BUDGET = Budget(population=512, restart_after=40, polish_every=0)
+BUDGET = Budget(population=512, restart_after=40)
 """Limits of the evolution of one population under a link function."""
 COMPILING = 10
 """Number of time checks of the small search that compiles the loops: one generation and the last steps."""

@@ -5,7 +5,6 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.code import Code
 from gpmodel.evolution.machine import Layout
@@ -29,9 +28,6 @@ class Population(Protocol):
 
     def decoded(self, layout: Layout, part: slice) -> Code:
         """Return the effective code of a slice of the programs."""
-
-    def with_constants(self, row: int, values: Array) -> Self:
-        """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
 
 
 @runtime_checkable

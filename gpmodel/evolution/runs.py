@@ -61,7 +61,7 @@ def load_loops(task: Task) -> None:
     kind = label(task.settings.representation)
     if kind not in _loaded:
         _loaded.add(kind)
-        budget = replace(task.settings.budget, population=64, generations=1, polish_every=1, climb=0)
+        budget = replace(task.settings.budget, population=64, generations=1, climb=0)
         with suppress(InputError):
             evolve(task.problem, replace(task.settings, budget=budget), np.random.default_rng(0))
 

@@ -1,7 +1,7 @@
 """The loop of genetic programming, for sequences and trees, and for compensators and effects."""
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,19 +25,14 @@ class Evolution:
     front: programs that remove a larger share of the residual than all simpler programs, simplest first.
     history: one array per quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds). best
     and median are the best and the median score of programs with a finite score; smaller scores are better.
-    histogram: number of references to each input in the effective code of the best program; operators: number of uses
-    of each operator.
     evaluations: number of scored programs.
     """
 
     front: tuple[Solution, ...]
     best: Solution
     history: dict[str, Array]
-    histogram: dict[str, int]
-    operators: dict[str, int]
     evaluations: int
     seconds: float
-    settings: Settings = field(repr=False)
 
 
 def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Evolution:
@@ -49,10 +44,10 @@ def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Ev
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return _search(problem, Generations(problem, settings, rng), settings)
+        return _search(problem, Generations(problem, settings, rng))
 
 
-def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution:
+def _search(problem: Problem, run: Generations) -> Evolution:
     from deap import tools
 
     budget, archive = run.budget, run.archive
@@ -76,12 +71,8 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
     front = archive.front(problem, run.layout)
     if budget.climb and isinstance(problem, SlotProblem):
         front = _finished(front, problem, run.layout, budget.climb)
-    chosen = best_of(front, problem)
     history = {name: np.array(log.select(name), dtype=float) for name in log[0]}
-    return Evolution(
-        front, chosen, history, chosen.program.input_counts, chosen.program.operator_counts,
-        evaluations, time.perf_counter() - began, settings,
-    )  # fmt: skip
+    return Evolution(front, best_of(front, problem), history, evaluations, time.perf_counter() - began)
 
 
 def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:

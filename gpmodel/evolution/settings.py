@@ -89,7 +89,6 @@ class Budget:
     population: number of programs of a generation.
     generations, seconds: limits of the run, whichever is reached first.
     target: share of the residual removed by a program at which the run ends.
-    polish_every: generations between fits of the constants that the best programs carry (0: never).
     restart_after: generations without progress before a new random population (0: never).
     climb: number of best programs from which formulas are bred at the end of a search at sites (0: none).
     Raises InputError for a value out of range.
@@ -99,7 +98,6 @@ class Budget:
     generations: int = 1_000_000
     seconds: float = 5.0
     target: float = 1.0
-    polish_every: int = 10
     restart_after: int = 60
     climb: int = 0
 
@@ -121,6 +119,6 @@ class Settings:
 
 
 def thesis_settings(representation: Representation, population: int = 65536, generations: int = 100) -> Settings:
-    """Return the settings of thesis section 5.2.2: the best 5 % have children, no fit of constants, no restart."""
-    budget = Budget(population, generations, seconds=1e9, polish_every=0, restart_after=0)
+    """Return the settings of thesis section 5.2.2: the best 5 % have children, no restart."""
+    budget = Budget(population, generations, seconds=1e9, restart_after=0)
     return Settings(representation, Truncation(0.05), budget)

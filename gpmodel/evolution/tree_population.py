@@ -137,16 +137,3 @@ class Trees:
         code = empty_code(np.ascontiguousarray(constants[part]), longest, layout.outputs)
         decode_forest(codes, bounds[part], layout.tables, code)
         return code
-
-    def with_constants(self, row: int, values: Array) -> "Trees":
-        remaining = iter(values.tolist())
-        trees = []
-        for tree in self.individuals[row].trees:
-            copy = gp.PrimitiveTree(tree)
-            for k, node in enumerate(tree):
-                if node.code == OWN_BYTE:
-                    own = object.__new__(ConstantNode)
-                    own.value = next(remaining)
-                    copy[k] = own
-            trees.append(copy)
-        return Trees((Individual.of(trees),))

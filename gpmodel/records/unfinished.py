@@ -14,7 +14,6 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.runs import KeptRuns, Number
 from gpmodel.evolution.search import Evolution
-from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, NonlinearParameters
 from gpmodel.files import mark_damaged, remove_folder
@@ -191,20 +190,14 @@ class RunFiles(KeptRuns):
     files: Unfinished
 
     def run(self, number: Number) -> Evolution | None:
-        """Read a finished run of evolution, without the run's settings."""
+        """Read a finished run of evolution."""
         content = self.files.read(_run(number))
-        if content is None:
-            return None
-        front, best = content["front"], content["best"]
-        counts = best.program.input_counts, best.program.operator_counts
-        return Evolution(
-            front, best, content["history"], *counts, content["evaluations"], content["seconds"], Settings()
-        )
+        names = [field.name for field in dataclasses.fields(Evolution)]
+        return None if content is None else Evolution(*(content[name] for name in names))
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Write the parts of an evolution run that `run` reads."""
-        names = ("front", "best", "history", "evaluations", "seconds")
-        self.files.write(_run(number), {name: getattr(found, name) for name in names})
+        """Write the fields of an evolution run."""
+        self.files.write(_run(number), vars(found))
 
 
 def _run(number: Number) -> str:

@@ -108,7 +108,6 @@ def test_the_front_grows_in_gain_and_complexity_and_is_true(representation: str)
         values = candidate.program.evaluate(inputs.mapping())
         gain = problem.targets.gain_of(values, candidate.coefficients, candidate.site)
         assert gain == pytest.approx(candidate.gain, rel=1e-9)
-    assert found.histogram == found.best.program.input_counts
     assert found.evaluations == 31 * 250 if representation == "tree" else found.evaluations == 61 * 300
 
 

@@ -105,13 +105,3 @@ def test_more_leaves_than_a_tree_can_address_are_one_clear_line() -> None:
     layout = Layout(tuple(f"x{k}" for k in range(230)), operator_set("thesis"), (), (None,), 1)
     with pytest.raises(InputError, match="230 elements"):
         TreeBreeding(layout).initial(4, np.random.default_rng(0))
-
-
-def test_constants_can_be_replaced() -> None:
-    trees = TreeBreeding(LAYOUT).initial(80, np.random.default_rng(9))
-    row = max(range(80), key=lambda k: len(trees.individuals[k].constants))
-    values = np.arange(1.0, 1.0 + len(trees.individuals[row].constants))
-    changed = trees.with_constants(row, values)
-    assert changed.individuals[0].constants == values.tolist()
-    assert trees.individuals[row].constants != values.tolist()
-    assert isinstance(changed.individuals[0], Individual)
