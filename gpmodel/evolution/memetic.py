@@ -52,7 +52,7 @@ class Formulas:
         self._begun: set[tuple[bytes, int]] = set()
         self._places: dict[bytes, int] = {}
         targets = problem.targets
-        self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0, 0] > 0.0
+        self.holds_constants = not targets.gains([np.ones((1, targets.poses))])[0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
         """Fit the constants of new programs: some steps for all programs, then the better half to convergence."""
@@ -180,7 +180,7 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
     if not 1.0 / LARGEST < width < LARGEST:
         return
     with np.errstate(all="ignore"):
-        gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])[:, 0]
+        gains = problem.targets.gains([ELEMENTS.on_grid(values[None])[0]])
     nats = problem.nats(gains, program.complexity + 1 + SIZES)
     yield from ELEMENTS.best(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
 
@@ -197,9 +197,9 @@ def _joined(population: Formulas, program: Program, values: Array, name: str, el
     def summand(k: int) -> Program:
         return added(problem, program, ELEMENTS.every[k].program(plain, low, width))
 
-    gains = problem.targets.gains(values * elements)[:, 0]
+    gains = problem.targets.gains([values * elements])
     yield from ELEMENTS.best(np.asarray(problem.nats(gains, size)), factor)
-    gains = problem.targets.set_gains([values[None], elements], 0)
+    gains = problem.targets.gains([values[None], elements])
     yield from ELEMENTS.best(np.asarray(problem.nats(gains, size + 2)), summand)
 
 
@@ -223,7 +223,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
         if slope is None or not others:
             continue
         tangents = slope * np.array([columns[name] for name in others])
-        gains = problem.targets.set_gains([values[None], tangents], 0)
+        gains = problem.targets.gains([values[None], tangents])
         for name, tangent, gain in zip(others, tangents, gains.tolist(), strict=True):
             nats = float(problem.nats(gain, program.complexity + 5))
 

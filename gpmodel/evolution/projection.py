@@ -102,23 +102,6 @@ class Targets:
             self, weight=self.weight[rows], cross=self.cross[rows], pull=self.pull[rows], names=self.names[rows]
         )
 
-    def gains(self, values: Array) -> Array:
-        """Return the gain (functions, sites) of each single basis function at each site.
-
-        The gain is the removed share of the residual sum of squares. The gain is 0 if the function is not finite,
-        is zero, or is in the span of the model's columns (share outside the span below ``unique_share``).
-        """
-        scaled = unit_rows(values)
-        pull = scaled @ self.pull.T
-        total = np.square(scaled) @ self.weight.T
-        columns = self.cross.shape[1]
-        seen = scaled @ self.cross.reshape(self.sites * columns, self.poses).T
-        inside = np.square(seen).reshape(len(values), self.sites, columns).sum(axis=2)
-        unique = total - inside
-        usable = unique > self.unique_share * total
-        gain = np.where(usable, np.square(pull) / np.where(usable, unique, 1.0), 0.0)
-        return gain / self.energy if self.energy > 0 else np.zeros_like(gain)
-
     def set_gain(self, values: Array, site: int) -> tuple[float, Array]:
         """Return the gain of basis functions solved together at one site, and their coefficients.
 
@@ -143,12 +126,13 @@ class Targets:
         coefficients[chosen] = solution / scale[chosen]
         return self.gain_of(values, coefficients, site), coefficients
 
-    def set_gains(self, values: Sequence[Array], site: int) -> Array:
+    def gains(self, values: Sequence[Array], site: int = 0) -> Array:
         """Return the gains of many sets of basis functions at one site, each set solved together.
 
         values: list of arrays (sets, poses), one basis function of every set each, or (1, poses) if all sets share it.
-        A set is solved in the given order, not by forward selection as in ``set_gain``. The gains of the two methods
-        differ slightly if functions of a set are nearly equal.
+        A basis function that is not finite, is zero, or is in the span of the model's columns (share outside the span
+        below ``unique_share``) adds no gain. A set is solved in the given order, not by forward selection as in
+        ``set_gain``. The gains of the two methods differ slightly if functions of a set are nearly equal.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]
@@ -175,7 +159,7 @@ class Targets:
             along = correlation[:, i + 1 :, i] * inverse[:, None]
             pull[:, i + 1 :] -= along * pull[:, i, None]
             correlation[:, i + 1 :, i + 1 :] -= along[:, :, None] * correlation[:, i, None, i + 1 :]
-        return gains / self.energy
+        return gains / self.energy if self.energy > 0 else np.zeros_like(gains)
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
         """Return the gain of basis functions with given coefficients, as on other poses; negative if the residual
