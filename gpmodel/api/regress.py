@@ -116,7 +116,8 @@ def regress(
     random, are searched; the constants are fitted to all rows afterwards. The search may exceed the time limit.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
     The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula
-    explodes between neighbouring rows, as at a pole, its deviation from a straight line counts as a residual in R².
+    explodes between neighbouring rows, its deviation from a straight line counts as a residual in R². A formula with a
+    pole between neighbouring rows is returned only if it is exact at the rows.
     Raises InputError for inconsistent shapes, fewer than 5 rows, a constant y, or values that are complex, masked, not
     finite or above 1e100.
     Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.

@@ -113,7 +113,7 @@ def regression_front(
         for law in front:
             again = law.program if clock() - began > seconds else polish(law.program, targets, 0, judged.columns)[0]
             found += judged([again])
-    return _front(law.written(origins.restored(law.program)) for law in found)
+    return _front(law.written(origins.restored(law.program)) for law in _front(found, judged.is_sound))
 
 
 @cache
@@ -152,11 +152,11 @@ def _searched(
     return found
 
 
-def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Return the formulas that fit better than all shorter formulas, shortest first."""
+def _front(laws: Iterable[Law], allows: Callable[[Law], bool] = lambda _: True) -> tuple[Law, ...]:
+    """Return the allowed formulas that fit better than all shorter allowed formulas, shortest first."""
     front: list[Law] = []
     for law in sorted(laws, key=lambda law: (law.length, law.left)):
-        if not front or law.left < front[-1].left:
+        if (not front or law.left < front[-1].left) and allows(law):
             front.append(law)
     if not front:
         raise InputError("regress: no program is finite on these inputs")
@@ -301,10 +301,18 @@ class _Judge:
         """Return whether the residual of a formula is a rounding error."""
         return any(law.left < self.exact for law in laws)
 
+    def is_sound(self, law: Law) -> bool:
+        """Return whether a formula has no pole between the rows, or is exact at the rows."""
+        rest = self.response - law.program.evaluate(self.columns)[0]
+        return float(rest @ rest) < self.exact * self._energy or not self.between.has_pole(law.program)
+
+    @cached_property
+    def _energy(self) -> float:
+        return float(np.sum(np.square(self.response - self.response.mean())))
+
     def __call__(self, programs: Iterable[Program]) -> list[Law]:
         """Convert programs with finite values to formulas, each multiplied by its best factor."""
         found, response = list[Law](), self.response
-        variance = float(np.sum(np.square(response - response.mean())))
         for program in programs:
             fit = program.evaluate(self.columns)[0]
             with np.errstate(all="ignore"):
@@ -312,7 +320,7 @@ class _Judge:
             if not np.isfinite(size) or size <= 0:
                 continue
             factor = float(fit @ response) / size
-            left = float(np.sum(np.square(response - factor * fit))) / variance + self.between.loss(program, factor)
+            left = float(np.sum(np.square(response - factor * fit))) / self._energy + self.between.loss(program, factor)
             law = Law(scaled(program, factor), left, 0.0)
             nats = 0.5 * len(response) * float(np.log(max(left, self.exact))) + PRICE * law.length
             found.append(replace(law, nats=nats))

@@ -34,3 +34,21 @@ def test_a_formula_that_is_not_defined_between_the_rows_loses_the_variance_there
 @pytest.mark.parametrize("rows", [1, 2, 5])
 def test_equal_rows_have_nothing_between_them(rows: int) -> None:
     assert PointsBetween({"a": np.ones(rows)}, 1.0, RNG).loss(parse("1/a")) == 0.0
+
+
+POLES = ("1/a", "b + 1e-9/(a + b + 0.003)", "log(abs(c))/b", "tan(3*a)", "exp(a)/(b - a*c)", "1/(a*abs(a))")
+
+
+@pytest.mark.parametrize("law", POLES)
+def test_a_pole_on_a_line_between_two_rows_is_located(law: str) -> None:
+    assert BETWEEN.has_pole(parse(law))
+
+
+@pytest.mark.parametrize("law", [*SMOOTH, "1/(a - 1.01)", "a*(b - c)/(b - c)", "sqrt(abs(a - b))", "log(a + 1.5)"])
+def test_a_zero_without_a_pole_is_none(law: str) -> None:
+    assert not BETWEEN.has_pole(parse(law))
+
+
+def test_a_pole_in_a_gap_of_the_rows_is_located() -> None:
+    gap = np.concatenate([np.linspace(-1.0, -0.5, 20), np.linspace(0.0, 1.0, 20)])
+    assert PointsBetween({"a": gap}, 1.0, RNG).has_pole(parse("a + 0.01/(a + 0.3)"))

@@ -228,6 +228,17 @@ def test_a_formula_of_noisy_friction_has_no_pole_between_the_rows(seed: int) -> 
     assert np.abs(law.program.evaluate({"v": speed[1]})[0] - there).max() < here.std()
 
 
+def test_no_formula_of_a_short_table_has_a_pole_between_the_rows() -> None:
+    rng = np.random.default_rng(1)
+    rows, between = rng.uniform(-3.0, 3.0, (2, 40)), rng.uniform(-3.0, 3.0, (2, 100_000))
+    inside = (np.abs(between) <= np.abs(rows).max(axis=1, keepdims=True)).all(axis=0)
+    response = 8.0 / (2.0 + np.square(rows).sum(axis=0)) + 0.02 * rng.normal(size=40)
+    table = Inputs(("a", "b"), rows)
+    found = regression_front(table, response, np.random.default_rng(1), 15, clock=count().__next__)
+    columns = dict(zip("ab", between[:, inside], strict=True))
+    assert max(np.abs(law.program.evaluate(columns)).max() for law in found) < 10.0 * response.max()
+
+
 @pytest.mark.long
 def test_constants_of_a_long_table_are_those_of_all_rows() -> None:
     a = np.random.default_rng(4).uniform(1, 3, 5000)
