@@ -98,7 +98,7 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
     """16 384 trees of 31 nodes; peers on 256 of them, scaled."""
     names = tuple("abcdef")
     layout = Layout(names, operator_set("add,subtract,multiply,max"), (), (None,), 1)
-    bred = full_trees(TreeBreeding(layout), 16384, 1)
+    bred = full_trees(TreeBreeding(layout, 5, "koza", 0.6), 16384, 1)
     columns = dict(zip(names, np.random.default_rng(0).normal(size=(6, poses)), strict=True))
     fixed = layout.fixed_rows(np.stack(list(columns.values())))
     population = Trees(tuple(Individual.of((tree,)) for tree in bred))

@@ -55,11 +55,11 @@ class Tree:
     def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> "Trees":
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
-        return TreeBreeding(layout, self).initial(population, rng)
+        return TreeBreeding(layout, self.depth, self.style, self.crossover).initial(population, rng)
 
     def offspring(
         self, layout: Layout, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator
     ) -> "Trees":
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
-        return TreeBreeding(layout, self).offspring(parents, mothers, fathers, rng)
+        return TreeBreeding(layout, self.depth, self.style, self.crossover).offspring(parents, mothers, fathers, rng)

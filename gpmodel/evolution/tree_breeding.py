@@ -10,7 +10,7 @@ import random
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain
 
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from gpmodel.errors import InputError
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import Population
-from gpmodel.evolution.tree import Tree
 from gpmodel.evolution.tree_population import (
     OPERATOR_CODES,
     OWN_BYTE,
@@ -52,10 +51,12 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class TreeBreeding:
-    """Creation and variation of programs that are trees, with the settings ``tree``."""
+    """Creation and variation of programs that are trees. depth, style, crossover: settings as in ``Tree``."""
 
     layout: Layout
-    tree: Tree = field(default_factory=Tree)
+    depth: int
+    style: str
+    crossover: float
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
@@ -81,9 +82,9 @@ class TreeBreeding:
     def toolbox(self) -> base.Toolbox:
         """Variation operators as a DEAP toolbox."""
         toolbox = base.Toolbox()
-        deepest = min(DEEPEST_START, self.tree.depth)
+        deepest = min(DEEPEST_START, self.depth)
         toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=SHALLOW, max_=deepest)
-        if self.tree.style == "koza":
+        if self.style == "koza":
             toolbox.register("mate", gp.cxOnePoint)
             grown = partial(gp.genFull, min_=0, max_=2)
             toolbox.register("mutate_structure", lambda own, _: gp.mutUniform(own, grown, self.primitives))
@@ -112,12 +113,12 @@ class TreeBreeding:
         place = gp.random.randrange(len(mother.trees))
         own = gp.PrimitiveTree(mother.trees[place])
         other = gp.PrimitiveTree(father.trees[gp.random.randrange(len(father.trees))])
-        if gp.random.random() < self.tree.crossover:
+        if gp.random.random() < self.crossover:
             vary = self.toolbox.mate
         else:
             vary = self.toolbox.mutate_structure if gp.random.random() < 0.5 else self.toolbox.mutate_operator
         child = vary(own, other)[0]
-        if len(child) > self.tree.depth + 1 and child.height > self.tree.depth:
+        if len(child) > self.depth + 1 and child.height > self.depth:
             return mother
         return mother.replaced(place, child)
 

@@ -9,7 +9,6 @@ from deap import gp
 from gpmodel.errors import InputError
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import program_of
-from gpmodel.evolution.tree import Tree
 from gpmodel.evolution.tree_breeding import TreeBreeding, depth_first_crossover, structure_mutation
 from gpmodel.evolution.tree_population import OWN_BYTE, OWN_CONSTANT, Individual, Trees
 from gpmodel.formula.operators import operator_set
@@ -34,7 +33,7 @@ def whole(tree: gp.PrimitiveTree) -> bool:
 @pytest.mark.parametrize("depth", [3, 12])
 def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -> None:
     rng = np.random.default_rng(1)
-    breeding = TreeBreeding(LAYOUT, Tree(depth, style=style, crossover=0.6))
+    breeding = TreeBreeding(LAYOUT, depth, style, 0.6)
     trees = breeding.initial(60, rng)
     assert {tree.height for i in trees.individuals for tree in i.trees} == set(range(1, min(depth, 4) + 1))
     for _ in range(8):
@@ -46,7 +45,7 @@ def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -
 
 @pytest.mark.parametrize("cross", [depth_first_crossover, structure_mutation])
 def test_thesis_crossover_keeps_the_mother_up_to_the_point(cross) -> None:
-    breeding = TreeBreeding(LAYOUT, Tree(style="thesis"))
+    breeding = TreeBreeding(LAYOUT, 5, "thesis", 0.6)
     trees = [i.trees[0] for i in breeding.initial(60, np.random.default_rng(2)).individuals]
     random.seed(3)
     changed = 0
@@ -65,7 +64,7 @@ def test_thesis_crossover_keeps_the_mother_up_to_the_point(cross) -> None:
 def test_the_same_generator_gives_the_same_trees_and_pythons_is_left_alone() -> None:
     random.seed(7)
     before = random.getstate()
-    breeding = TreeBreeding(LAYOUT)
+    breeding = TreeBreeding(LAYOUT, 5, "koza", 0.6)
     populations = []
     for _ in range(2):
         rng = np.random.default_rng(8)
@@ -77,7 +76,7 @@ def test_the_same_generator_gives_the_same_trees_and_pythons_is_left_alone() -> 
 
 
 def test_codes_carry_each_constant_of_its_own() -> None:
-    trees = TreeBreeding(LAYOUT).initial(80, np.random.default_rng(9))
+    trees = TreeBreeding(LAYOUT, 5, "koza", 0.6).initial(80, np.random.default_rng(9))
     forest = trees.forest
     for p, individual in enumerate(trees.individuals):
         codes = forest.codes[forest.bounds[p, 0] : forest.bounds[p, -1]]
@@ -88,7 +87,7 @@ def test_codes_carry_each_constant_of_its_own() -> None:
 
 def test_codes_are_those_of_the_nodes_whoever_packed_them_before() -> None:
     rng = np.random.default_rng(9)
-    breeding = TreeBreeding(LAYOUT)
+    breeding = TreeBreeding(LAYOUT, 5, "koza", 0.6)
     trees = breeding.initial(40, rng)
     children = breeding.offspring(trees, *rng.integers(0, 40, (2, 40)), rng)
     mixed = children.join(breeding.initial(10, rng))
@@ -104,4 +103,4 @@ def test_codes_are_those_of_the_nodes_whoever_packed_them_before() -> None:
 def test_more_leaves_than_a_tree_can_address_are_one_clear_line() -> None:
     layout = Layout(tuple(f"x{k}" for k in range(230)), operator_set("thesis"), (), (None,), 1)
     with pytest.raises(InputError, match="230 elements"):
-        TreeBreeding(layout).initial(4, np.random.default_rng(0))
+        TreeBreeding(layout, 5, "koza", 0.6).initial(4, np.random.default_rng(0))
