@@ -1,6 +1,6 @@
 """Evolve programs for a residual and for permuted residuals, and count the inputs that the programs use."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -14,7 +14,6 @@ from gpmodel.evidence.score import mdl_gain, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
-from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.runs import KeptRuns, Task, run_all
@@ -88,8 +87,7 @@ def explore(
     first = tasks if context.number == 1 else dict(list(tasks.items())[: len(real)])
     found = run(first, search, context)
     makers = (maker_of(label(task.settings.representation)) for task in real)
-    evolved = [(maker, item) for maker, one in zip(makers, found, strict=False) for item in one.front]
-    candidates = candidates_of(residual, sites, search, question, evolved)
+    candidates = candidates_of(residual, sites, search, question, zip(makers, found, strict=False))
     by_chance = found[len(real) :]
     if context.number > 1 and any(s.nats > residual.criteria.minimum_nats for s in scores(residual, candidates)):
         by_chance = run(dict(list(tasks.items())[len(real) :]), search, context)
@@ -127,13 +125,12 @@ def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> lis
 
 def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
-    evolved: Sequence[tuple[str, Solution]],
+    runs: Iterable[tuple[str, Evolution]],
 ) -> tuple[Candidate, ...]:  # fmt: skip
     """Return each distinct program as a candidate effect at its site, without programs that have a pole.
 
     The constants of each part of a program are refitted, since one output alone often explains the effect of two
-    outputs. question: the problem of evolution, and its inputs in terms of the table's columns. evolved: origin and
-    solution of each program.
+    outputs. question: the problem of evolution, and its inputs in terms of the table's columns. runs: with origins.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question
@@ -144,7 +141,7 @@ def candidates_of(
         return polish(part, problem.targets, site, columns, tuple(held))[0]
 
     found: dict[str, Candidate] = {}
-    for maker, item in evolved:
+    for maker, item in ((maker, item) for maker, run in runs for item in run.front):
         for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
             cost = search.cost(program.complexity, len(sites))
             candidate = as_candidate(program, sites[item.site], names, cost, maker)
