@@ -18,6 +18,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW, UNKNOWNS, session_inputs
 from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, PlacementNumber, placement_numbers, problem_at
+from gpmodel.checks.judge import YIELDING
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria
@@ -146,7 +147,8 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
     p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant or a finding can
-    absorb them.
+    absorb them. If one part of an arm yields to gravity, every part does: each compliance c besides a found compliance
+    c₁ is a separate undetected effect without penalty, with the prior c ~ N(0, c₁²).
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]
@@ -156,7 +158,13 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
     residual = residual_of(fit, found.poses, Criteria(), FOLD_SEED)
     places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings]
-    places.append(causes_of(residual, None, pool))
+    names = {effect.name for own in findings if own.family in YIELDING for effect in own.effects}
+    found_soft = {e.unit: abs(float(v)) for e, v in zip(fit.model.effects, fit.theta, strict=True) if e.name in names}
+    soft = [c for c in pool if c.family in YIELDING and all(e.unit in found_soft for e in c.effects)]
+    places.append(causes_of(residual, None, [c for c in pool if c not in soft]))
+    for one in soft:
+        effects = tuple(replace(effect, prior=found_soft[effect.unit]) for effect in one.effects)
+        places.append(causes_of(residual, None, [replace(one, effects=effects, cost=0.0)]))
     return with_cause_variance(fit, found.poses, places)
 
 
