@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
@@ -107,8 +108,9 @@ def change(found: NamedChange) -> str:
     if len(found.rivals) > MOST_RIVALS:
         instead += f", or {len(found.rivals) - MOST_RIVALS} others"
     if found.kind in ("size", "growth"):
-        more, by = ("more" if found.value > 0 else "less"), abs(found.value)
-        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before{instead}"
+        more, by, off = ("more" if found.value > 0 else "less"), 100 * abs(found.value), 100 * found.stderr
+        digits = max(0, -math.floor(math.log10(off))) if off > 0 else 1
+        return f"{found.name}: {by:.{digits}f} % ± {off:.{digits}f} % {more} than before{instead}"
     moved = " changed" if found.unit == "kg" else " moved" if found.kind in ("zero", "tool") else ""
     return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}{instead}"
 

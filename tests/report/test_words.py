@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
+from gpmodel.application.possible_changes import NamedChange
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import BRED, CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
+from gpmodel.report import verification_words
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, InstrumentRecord, TermRecord
 from gpmodel.report.words import (
@@ -138,3 +140,14 @@ def test_genetic_programming_is_named_only_where_a_program_was_evolved(maker: st
 def test_a_weight_multiplies_the_whole_basis_function(weight: float, basis: str, said: str) -> None:
     terms = (TermRecord("J1.moving", "Tx", basis, weight), TermRecord("J2.moving", "Tx", basis, 0.3))
     assert written(EffectRecord("growth", "J1.moving", "Tx", basis, terms=terms))[0][0] == f"× {said}"
+
+
+@pytest.mark.parametrize(("value", "stderr", "stated"), [
+    (3e-4, 9e-6, "0.0300 % ± 0.0009 % more"),
+    (-0.004, 0.002, "0.4 % ± 0.2 % less"),
+    (0.47, 0.021, "47 % ± 2 % more"),
+    (0.5, 0.12, "50 % ± 12 % more"),
+])  # fmt: skip
+def test_a_relative_change_is_stated_to_the_first_digit_of_its_error(value: float, stderr: float, stated: str) -> None:
+    found = NamedChange("scale of the machine", "size", value, stderr, "1", 0.0, ())
+    assert verification_words.change(found) == f"scale of the machine: {stated} than before"
