@@ -1,5 +1,6 @@
 """A calibrated robot, and later measurements of the robot by an instrument at another place."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +11,7 @@ import gpmodel as gp
 from gpmodel.arrays import Array
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.dataset import Dataset, unmeasured
@@ -34,11 +36,13 @@ def placed_anew(made: Simulation, rng: np.random.Generator, tool: float = 0.0) -
 
 def read_later(
     made: Simulation, q: Array, placement: Placement, rng: np.random.Generator, joint: int = 0, moved: float = 0.0,
-    noise: float = NOISE,
+    noise: float = NOISE, crash: Sequence[float] = (),
 ) -> Dataset:  # fmt: skip
-    """Poses (N, n) of the robot, the zero of one joint moved, rad."""
+    """Poses (N, n) of the robot, the zero of one joint moved, rad. crash: displacement of the joint's frame, m, rad."""
     arm = made.model.mechanism
-    truth = ErrorModel(arm, (*made.model.effects, drive_effect("moved", arm.joints[joint], gp.Expression("1"))))
+    zero = drive_effect("moved", arm.joints[joint], gp.Expression("1"))
+    constants = [e for e in geometric_effects(arm) if e.slots == (f"{arm.joints[joint].name}.moving",)]
+    truth = ErrorModel(arm, (*made.model.effects, zero, *(constants if crash else ())))
     dataset = unmeasured([j.name for j in arm.joints], q)
-    tip = observe(truth, prepare(arm, dataset), np.append(made.theta, moved), placement).tip[:, :3, 3]
+    tip = observe(truth, prepare(arm, dataset), np.array([*made.theta, moved, *crash]), placement).tip[:, :3, 3]
     return replace(dataset, position=tip + rng.normal(0.0, noise, tip.shape), source="later.csv")

@@ -9,7 +9,7 @@ From the root of the repository: python -m experiments.verify.changes [--first 0
 
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ from experiments.blind.arms import ARMS
 from experiments.blind.files import urdf
 from experiments.options import parsed
 from gpmodel.api.verify import NextCheck
-from gpmodel.application.possible_changes import PossibleChange, possible_changes
+from gpmodel.application.possible_changes import DISPLACED, PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, recheck, settled
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
@@ -46,12 +46,14 @@ from gpmodel.table.dataset import Dataset, unmeasured
 
 NOISE, POSES, BATCH, OTHERS, MOST, SOON = 2e-5, 90, 20, 100, 20, 10
 TRUE, FARTHEST = 1.5e-4, 5e-3
+LEVER = {"m": 1.0, "rad": 0.4}
+"""Length, m, that a rotation of a crashed frame moves like a displacement."""
 SIZES = (5.0, 10.0)
 Row = dict[str, Any]
 TYPES = ("irb6400r", "ur10", "panda", "scara", "gantry", "xarm7", "kuka_like", "four_axes", "rail_kuka", "ur5")
 KINDS = (
-    "zero", "tool slipped", "tool bent", "link length", "bent axis", "joint compliance", "base compliance", "payload",
-    "gear", "backlash", "gear ratio", "thermal", "another machine",
+    "zero", "tool slipped", "tool bent", "link length", "bent axis", "crash", "joint compliance", "base compliance",
+    "payload", "gear", "backlash", "gear ratio", "thermal", "another machine",
 )  # fmt: skip
 
 
@@ -167,6 +169,12 @@ def drawn(own: Machine, kind: str, rng: np.random.Generator) -> Iterator[Change]
         found = [Change(kind, e.name, (e,), (1.0,)) for e in zeros.values()]
     elif kind in ("link length", "bent axis"):
         found = [Change(kind, e.name, (e,), (1.0,)) for e in constants if (e.unit == "m") == (kind == "link length")]
+    elif kind == "crash":
+        frames = dict.fromkeys(tuple(e for e in geometric_effects(arm) if e.slots == c.slots) for c in constants)
+        found = [
+            Change(kind, f"{DISPLACED} {its[0].name.rsplit(' ', 1)[0]}", its, _displacement(rng, its))
+            for its in frames if len(its) > 1
+        ]  # fmt: skip
     elif kind == "tool slipped":
         found = [Change(kind, "tool point", tool=(*rng.normal(size=3), 0.0, 0.0, 0.0))]
     elif kind == "tool bent":
@@ -188,6 +196,10 @@ def drawn(own: Machine, kind: str, rng: np.random.Generator) -> Iterator[Change]
 def _unit(rng: np.random.Generator, count: int) -> Array:
     values = rng.normal(size=count)
     return values / np.linalg.norm(values) if count > 1 else np.ones(count)
+
+
+def _displacement(rng: np.random.Generator, constants: Sequence[Effect]) -> tuple[float, ...]:
+    return tuple(float(rng.normal()) / LEVER[e.unit] for e in constants)
 
 
 def _growth(arm: Mechanism) -> Effect:
@@ -333,7 +345,7 @@ def summary(rows: list[Row]) -> Iterator[str]:
     right, batch = (sum(row[name] for row in others) for name in ("first", "batch_first"))
     yield f"another machine, of {len(others)}: {right}; batch {batch}"
     alarms, batch = sum(row["holds"] is False for row in same), sum(not row["batch_holds"] for row in same)
-    poses = [row["poses"] for row in same]
+    poses = [row["poses"] for row in same] or [0]
     yield (
         f"unchanged, of {len(same)}: false alarms {alarms}; batch {batch}; "
         f"poses median {np.median(poses):.0f}, at most {max(poses)}"

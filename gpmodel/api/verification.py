@@ -10,7 +10,7 @@ import pandas as pd
 from gpmodel.api.arguments import file_path
 from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_named, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.possible_changes import SIGNIFICANCE
+from gpmodel.application.named_changes import SIGNIFICANCE
 from gpmodel.application.recheck import Session, errors_at
 from gpmodel.application.verify import Verified, afterwards, misses_of, verified
 from gpmodel.arrays import IntArray

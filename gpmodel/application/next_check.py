@@ -17,7 +17,8 @@ from scipy import special
 from gpmodel.application.changed_model import motions
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.possible_changes import POWER, Kind, PossibleChange
+from gpmodel.application.named_changes import POWER
+from gpmodel.application.possible_changes import Kind, PossibleChange
 from gpmodel.application.verify import Verified, verified
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
@@ -110,8 +111,8 @@ class Pool:
 
     @cached_property
     def _tried(self) -> list[PossibleChange]:
-        """Changes of the machine that a check has to exclude before it confirms the model."""
-        return [] if self.found is None else [c for c in self.found.tried if c.kind in EXCLUDED]
+        """Changes of the machine, of one part each, that a check has to exclude before it confirms the model."""
+        return [] if self.found is None else [c for c in self.found.tried if c.kind in EXCLUDED and not c.of_a_frame]
 
     def reads(self, change: PossibleChange) -> bool:
         """Return whether the candidate poses have all inputs (columns) of a possible change."""

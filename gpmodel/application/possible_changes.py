@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy import special
 
-from gpmodel.application.recheck import LEAST_FREEDOM, Recheck, kept_by
-from gpmodel.arrays import Array, IntArray, NotNegative, Share
+from gpmodel.application.recheck import Recheck, kept_by
+from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
@@ -25,9 +24,10 @@ from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
-from gpmodel.numerics.interval import COVERAGE, chance_of_ratio
+from gpmodel.numerics.interval import chance_of_ratio
 
 Kind = Literal["growth", "zero", "tool", "size", "geometry", "catalogue", "set-up"]
+SET_UP: Kind = "set-up"
 SHARES: dict[Kind, float] = {
     "growth": 1 / 24, "set-up": 1 / 12, "zero": 5 / 24, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6,
     "catalogue": 1 / 6,
@@ -40,6 +40,8 @@ STANDING = "base"
 """Name of the frame (slot) between the machine and its foundation."""
 PIXELS = lens.NAMES[:4]
 """Names of the lens parameters that are in pixels."""
+DISPLACED = "displacement of"
+"""First words of the name of a displacement of a frame: all its geometric constants change together."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
 """Largest number of half waves over the rows of a drifting set-up, and least number of poses per half wave."""
 
@@ -66,6 +68,11 @@ class PossibleChange:
     at: tuple[int, ...] = ()
     price: float = 0.0
 
+    @property
+    def of_a_frame(self) -> bool:
+        """True for a displacement of a whole frame, which includes smaller changes of the frame."""
+        return self.name.startswith(DISPLACED)
+
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
         u, s, v = np.linalg.svd(self.columns, full_matrices=False)
@@ -83,7 +90,7 @@ class PossibleChange:
         The likelihood is Student's t, since σ is an estimate; p parameters at n rows cost p/2 ln n (Schwarz 1978).
         """
         explained, numbers = self.explained(left.z)
-        return _likelihood(left, explained) + float(np.log(self.share) - 0.5 * numbers * np.log(left.degrees))
+        return log_likelihood(left, explained) + float(np.log(self.share) - 0.5 * numbers * np.log(left.degrees))
 
     def part_of(self, z: Array) -> Array:
         """Return the part of the whitened residual z that the change explains."""
@@ -97,17 +104,18 @@ class PossibleChange:
             return False
         its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
         others = left.without(rank.remove(left.basis, its_rows.astype(float)))
-        return _chance(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
+        return chance_by_noise(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change: of the length of the vector for a change of several numbers, or
-        of the first number if the others have another unit."""
+        """Return size and standard error of the change: of the length of the vector of the numbers in its unit."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
-        size, alone = float(np.linalg.norm(values)), len({effect.unit for effect in self.effects}) > 1
-        along = np.eye(len(values))[0] if alone else values / size if size > 0 else v[0]
+        its_unit = [not self.effects or effect.unit == self.unit for effect in self.effects or values]
+        values = np.where(its_unit, values, 0.0)
+        size = float(np.linalg.norm(values))
+        along = values / size if size > 0 else v[0]
         deviation = float(np.linalg.norm((v @ along) / s))
-        return (float(values[0]) if alone or len(values) == 1 else size), deviation
+        return (float(values[0]) if sum(its_unit) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
         """Return the change with the columns of other changes projected out, zero if only rounding errors remain."""
@@ -205,13 +213,21 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield changes of the geometric constants other than joint zeros."""
+    """Yield changes of the geometric constants other than joint zeros, and displacements of frames, as by a crash."""
     mechanism = found.session.saved.mechanism
     zeros = {drive_effect("", joint, ONE).terms for joint in mechanism.joints}
-    effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
+    effects = geometric_effects(mechanism)
     raw = found.problem.effect_rows(effects, found.session.saved.model)
+    together: dict[tuple[str, ...], list[int]] = {}
     for k, effect in enumerate(effects):
-        yield PossibleChange(effect.name, "geometry", effect.unit, raw[:, [k]], effects=(effect,))
+        together.setdefault(effect.slots, []).append(k)
+        if effect.terms not in zeros:
+            yield PossibleChange(effect.name, "geometry", effect.unit, raw[:, [k]], effects=(effect,))
+    for at in together.values():
+        its = tuple(effects[k] for k in at)
+        if len(its) > 1:
+            name = f"{DISPLACED} {its[0].name.rsplit(' ', 1)[0]}"
+            yield PossibleChange(name, "geometry", its[0].unit, raw[:, at], effects=its, price=catalogue.PLAIN_COST)
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
@@ -258,133 +274,12 @@ def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleCha
             yield replace(change, columns=columns)
 
 
-SET_UP: Kind = "set-up"
-SIGNIFICANCE = 0.005
-"""Significance level of each of the two tests of a model (whole residual; named changes). The sum is 1 %."""
-MOST = 4
-"""Largest number of identified changes of a machine. With more changes, the verdict is "another machine"."""
-AS_LIKELY = 4.0
-"""Part of the chi-square explained by a change that an equivalent change need not explain: two standard deviations."""
-LARGEST = 0.01
-"""Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
-POWER = 0.9
-"""Probability that a change is detected, for the change to be called detectable."""
-
-
-@dataclass(frozen=True)
-class NamedChange:
-    """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
-
-    chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
-    changes that explain the later poses as well, and of those in the 95 % credible set, the most probable first.
-    shares: posterior probabilities of the change and of the rivals.
-    """
-
-    name: str
-    kind: Kind
-    value: float
-    stderr: NotNegative
-    unit: str
-    chance: Share
-    rivals: tuple[str, ...]
-    shares: tuple[Share, ...] = ()
-
-
-@dataclass(frozen=True)
-class Visible:
-    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs all changes."""
-
-    joint: str
-    unit: str
-    size: NotNegative | None
-
-
-def changes(
-    found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
-) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """Select the significant changes of a machine, the most probable first, each given earlier changes; also return the
-    residual without all of them. The sizes are those of a common fit.
-
-    Changes that the poses do not distinguish count as one, named after the part that a repairer checks first.
-
-    The chance of a change is that of its F ratio over its share of the significance level (weighted Bonferroni). A
-    change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
-    change that the slow drift explains as well counts as set-up.
-    """
-    out, taken = list[NamedChange](), list[PossibleChange]()
-    left, kinds = found, list(SHARES)
-    while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
-        here = [h.beside(left) for h in tried]
-        scores = [h.explained(left.z) for h in here]
-        chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
-        shares, credible = _posterior(here, left)
-        able = [k for k in np.argsort(-shares).tolist() if chances[k] < significance]
-        best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
-        if best is None:
-            break
-        part = here[best].part_of(left.z)
-        alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
-        alike.sort(key=lambda k: (kinds.index(here[k].kind), -shares[k]))
-        best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
-        chosen, rivals = here[best], [k for k in np.argsort(-shares) if k != best and k in {*alike, *credible}]
-        named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
-        size = chosen.fitted(left.z)
-        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
-        left = left.without(_explained_columns(chosen, left))
-        taken.append(tried[best])
-    return tuple(_resized(found, out, taken)), left
-
-
-def _explained_columns(change: PossibleChange, left: Recheck) -> Array:
-    """Return the columns of an identified change; those of a drifting set-up include a general slow drift."""
-    return np.hstack([change.columns, wander(left)]) if change.kind == SET_UP else change.columns
-
-
-def _resized(found: Recheck, named: Sequence[NamedChange], chosen: Sequence[PossibleChange]) -> Iterator[NamedChange]:
-    """Yield identified changes with the sizes of one common fit of all changes of the machine."""
-    spans = [_explained_columns(c, found) for c in chosen]
-    for change, own in zip(named, chosen, strict=True):
-        others = [span for span, c in zip(spans, chosen, strict=True) if c is not own]
-        rest = found.without(np.hstack(others)) if others else found
-        alone = own.beside(rest)
-        value, stderr = alone.fitted(rest.z) if alone.columns.any() else (change.value, change.stderr)
-        yield replace(change, value=value, stderr=stderr)
-
-
-def _likelihood(left: Recheck, explained: float = 0.0) -> float:
+def log_likelihood(left: Recheck, explained: float = 0.0) -> float:
     """Return the log likelihood, nats, of a residual if a part of its chi-square is explained."""
     rest, freedom = max(left.chi_square - explained, 0.0), left.freedom
     return -0.5 * float(rest if np.isinf(freedom) else (freedom + left.degrees) * np.log1p(rest / freedom))
 
 
-def suspected(found: Recheck, tried: Sequence[PossibleChange]) -> PossibleChange | None:
-    """Return the most probable change if a single change is more probable than none; prior probability one half."""
-    nats = np.array([change.evidence(found) for change in tried]) - _likelihood(found)
-    return tried[int(np.argmax(nats))] if tried and np.logaddexp.reduce(nats) > 0.0 else None
-
-
-def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, IntArray]:
-    """Return the posterior probability of each change as the only one, and the numbers of the 95 % credible set."""
-    nats = np.array([change.evidence(left) for change in tried])
-    shares = np.exp(nats - nats.max())
-    shares /= shares.sum()
-    order = np.argsort(-shares)
-    return shares, order[: int(np.searchsorted(np.cumsum(shares[order]), COVERAGE)) + 1]
-
-
-def _chance(found: Recheck, score: float, numbers: int) -> float:
+def chance_by_noise(found: Recheck, score: float, numbers: int) -> float:
+    """Return the chance that noise alone explains a part `score` of the chi-square by some numbers."""
     return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0
-
-
-def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
-    """Return the smallest change of each joint zero that the measured poses detect with the probability POWER."""
-    zeros = {h.name: h for h in tried if h.kind == "zero"}
-    out = []
-    for joint in found.session.saved.mechanism.joints:
-        zero, size = zeros.get(zero_of(joint.name)), None
-        if zero is not None:
-            needed = special.ndtri(POWER) - special.ndtri(0.5 * significance * zero.share)
-            least = float(needed / np.linalg.norm(zero.columns))
-            size = least if least < LARGEST else None
-        out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))
-    return tuple(out)

@@ -11,18 +11,8 @@ import numpy as np
 
 from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel, counted
-from gpmodel.application.possible_changes import (
-    MOST,
-    SET_UP,
-    SIGNIFICANCE,
-    NamedChange,
-    PossibleChange,
-    Visible,
-    changes,
-    possible_changes,
-    suspected,
-    visible,
-)
+from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
+from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray

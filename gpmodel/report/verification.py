@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel import files
-from gpmodel.application.possible_changes import NamedChange, Visible
+from gpmodel.application.named_changes import NamedChange, Visible
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError

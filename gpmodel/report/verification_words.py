@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.application.possible_changes import SET_UP, NamedChange
+from gpmodel.application.named_changes import NamedChange
+from gpmodel.application.possible_changes import SET_UP
 from gpmodel.report.certificate import Certificate, Line, repeated, statistics
 from gpmodel.report.origin import Particulars
 from gpmodel.report.page import render

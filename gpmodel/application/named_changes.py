@@ -1,0 +1,159 @@
+"""Significant changes of a machine since its model was fitted, selected among its possible changes."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from gpmodel.application.possible_changes import (
+    SET_UP,
+    SHARES,
+    Kind,
+    PossibleChange,
+    chance_by_noise,
+    log_likelihood,
+    wander,
+    zero_of,
+)
+from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
+from gpmodel.arrays import Array, IntArray, NotNegative, Share
+from gpmodel.numerics.interval import COVERAGE
+
+SIGNIFICANCE = 0.005
+"""Significance level of each of the two tests of a model (whole residual; named changes). The sum is 1 %."""
+MOST = 4
+"""Largest number of identified changes of a machine. With more changes, the verdict is "another machine"."""
+AS_LIKELY = 4.0
+"""Part of the chi-square explained by a change that an equivalent change need not explain: two standard deviations."""
+LARGEST = 0.01
+"""Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
+POWER = 0.9
+"""Probability that a change is detected, for the change to be called detectable."""
+
+
+@dataclass(frozen=True)
+class NamedChange:
+    """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
+
+    chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
+    changes that explain the later poses as well, and of those in the 95 % credible set, the most probable first.
+    shares: posterior probabilities of the change and of the rivals.
+    """
+
+    name: str
+    kind: Kind
+    value: float
+    stderr: NotNegative
+    unit: str
+    chance: Share
+    rivals: tuple[str, ...]
+    shares: tuple[Share, ...] = ()
+
+
+@dataclass(frozen=True)
+class Visible:
+    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs all changes."""
+
+    joint: str
+    unit: str
+    size: NotNegative | None
+
+
+def changes(
+    found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
+) -> tuple[tuple[NamedChange, ...], Recheck]:
+    """Return the significant changes of a machine, and the residual without all of them.
+
+    A displaced frame may stand for a few smaller changes, such as a zero and a tool: the changes are selected with and
+    without displacements of frames, and the more probable result is returned.
+    """
+    single = [change for change in tried if not change.of_a_frame]
+    results = [_selected(found, among, significance) for among in (tried, single)]
+    return max(results, key=lambda result: result[0])[1:]
+
+
+def _selected(
+    found: Recheck, tried: Sequence[PossibleChange], significance: float
+) -> tuple[float, tuple[NamedChange, ...], Recheck]:
+    """Select the significant changes of a machine, the most probable first, each given earlier changes; return the log
+    posterior probability of all of them, nats, the changes with the sizes of a common fit, and the residual without
+    them.
+
+    Changes that the poses do not distinguish count as one, named after the part that a repairer checks first.
+
+    The chance of a change is that of its F ratio over its share of the significance level (weighted Bonferroni). A
+    change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
+    change that the slow drift explains as well counts as set-up. At most one frame is displaced, as by a crash.
+    """
+    out, taken, tried = list[NamedChange](), list[PossibleChange](), list(tried)
+    left, kinds = found, list(SHARES)
+    while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
+        here = [h.beside(left) for h in tried]
+        scores = [h.explained(left.z) for h in here]
+        chances = [chance_by_noise(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
+        shares, credible = _posterior(here, left)
+        able = [k for k in np.argsort(-shares).tolist() if chances[k] < significance]
+        best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
+        if best is None:
+            break
+        part = here[best].part_of(left.z)
+        alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
+        alike.sort(key=lambda k: (kinds.index(here[k].kind), -shares[k]))
+        best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
+        chosen, rivals = here[best], [k for k in np.argsort(-shares) if k != best and k in {*alike, *credible}]
+        named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
+        size = chosen.fitted(left.z)
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
+        left = left.without(_explained_columns(chosen, left))
+        taken.append(tried[best])
+        if chosen.of_a_frame:
+            tried = [change for change in tried if not change.of_a_frame]
+    nats = log_likelihood(found, found.chi_square - left.chi_square)
+    nats += sum(float(np.log(c.share)) - 0.5 * c.columns.shape[1] * float(np.log(found.degrees)) for c in taken)
+    return nats, tuple(_resized(found, out, taken)), left
+
+
+def _explained_columns(change: PossibleChange, left: Recheck) -> Array:
+    """Return the columns of an identified change; those of a drifting set-up include a general slow drift."""
+    return np.hstack([change.columns, wander(left)]) if change.kind == SET_UP else change.columns
+
+
+def _resized(found: Recheck, named: Sequence[NamedChange], chosen: Sequence[PossibleChange]) -> Iterator[NamedChange]:
+    """Yield identified changes with the sizes of one common fit of all changes of the machine."""
+    spans = [_explained_columns(c, found) for c in chosen]
+    for change, own in zip(named, chosen, strict=True):
+        others = [span for span, c in zip(spans, chosen, strict=True) if c is not own]
+        rest = found.without(np.hstack(others)) if others else found
+        alone = own.beside(rest)
+        value, stderr = alone.fitted(rest.z) if alone.columns.any() else (change.value, change.stderr)
+        yield replace(change, value=value, stderr=stderr)
+
+
+def suspected(found: Recheck, tried: Sequence[PossibleChange]) -> PossibleChange | None:
+    """Return the most probable change if a single change is more probable than none; prior probability one half."""
+    nats = np.array([change.evidence(found) for change in tried]) - log_likelihood(found)
+    return tried[int(np.argmax(nats))] if tried and np.logaddexp.reduce(nats) > 0.0 else None
+
+
+def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, IntArray]:
+    """Return the posterior probability of each change as the only one, and the numbers of the 95 % credible set."""
+    nats = np.array([change.evidence(left) for change in tried])
+    shares = np.exp(nats - nats.max())
+    shares /= shares.sum()
+    order = np.argsort(-shares)
+    return shares, order[: int(np.searchsorted(np.cumsum(shares[order]), COVERAGE)) + 1]
+
+
+def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
+    """Return the smallest change of each joint zero that the measured poses detect with the probability POWER."""
+    zeros = {h.name: h for h in tried if h.kind == "zero"}
+    out = []
+    for joint in found.session.saved.mechanism.joints:
+        zero, size = zeros.get(zero_of(joint.name)), None
+        if zero is not None:
+            needed = special.ndtri(POWER) - special.ndtri(0.5 * significance * zero.share)
+            least = float(needed / np.linalg.norm(zero.columns))
+            size = least if least < LARGEST else None
+        out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))
+    return tuple(out)
