@@ -59,8 +59,7 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
     inputs = Inputs(("x", "y", "z", *(f"J{k}" for k in range(1, 7))), np.vstack([points, joints]))
     measured = points + 0.1 * np.stack([np.sin(joints[3]), 0.5 * points[1], np.zeros(40)])
     run = Generations(CartesianProblem(inputs, measured), thesis_settings(Linear.thesis()), rng)
-    run.step()
-    population, scores = run.population, run.scores
+    population, scores = run.start()
     rows = {"evaluation, random population": timed(lambda: run.scored(population), repeats)}
     for _ in range(30):
         population, scores = run.next_generation(population, scores)

@@ -38,8 +38,7 @@ class Generations:
         complexities of programs that are new in the archive."""
         if self.generation < 0 or self.is_stuck:
             self.idle, self.record = 0, np.inf
-            self.population = self.representation.initial(self.layout, self.budget.population, self.rng)
-            self.scores = self.scored(self.population)
+            self.population, self.scores = self.start()
             for guest in guests:
                 self.population, self.scores = self.population.join(guest), self.scores.join(self.scored(guest))
         else:
@@ -70,6 +69,11 @@ class Generations:
                 found.fill(begin + new, self.problem.scores(code.take(new), self.fixed, cutoff))
 
         return found
+
+    def start(self) -> tuple[Population, Scores]:
+        """Return a random population of programs and its scores."""
+        population = self.representation.initial(self.layout, self.budget.population, self.rng)
+        return population, self.scored(population)
 
     def next_generation(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
         """Breed the next population of programs; return the population and its scores."""

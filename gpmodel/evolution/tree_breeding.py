@@ -8,7 +8,7 @@ leaf is a squared angle.
 
 import random
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -123,11 +123,13 @@ class TreeBreeding:
         return mother.replaced(place, child)
 
 
-def _complete(supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet) -> gp.PrimitiveTree:
-    """Return the tree of the first nodes of ``supply``, completed by random leaves if the supply ends."""
-    nodes, missing = [], 1
+def _complete(
+    prefix: Sequence[gp.Primitive], supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet
+) -> gp.PrimitiveTree:
+    """Return the tree of ``prefix``, completed by nodes of ``supply``, or by random leaves if the supply ends."""
+    nodes, missing, pending = [], 1, chain(prefix, supply)
     while missing > 0:
-        node = next(supply, None)
+        node = next(pending, None)
         if node is None:
             node = gp.random.choice(primitives.terminals[object])
             node = node() if type(node) is gp.MetaEphemeral else node
@@ -145,7 +147,7 @@ def depth_first_crossover(
     than the point, open arguments become random leaves.
     """
     point = gp.random.randrange(len(mother))
-    return (_complete(chain(mother[: point + 1], father[point + 1 :]), primitives),)
+    return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)
 
 
 def structure_mutation(
@@ -154,4 +156,4 @@ def structure_mutation(
     """Cross two trees with a separate crossover point in the father, so that sequences are reused elsewhere."""
     point = gp.random.randrange(len(mother))
     other = gp.random.randrange(len(father))
-    return (_complete(chain(mother[: point + 1], father[other:]), primitives),)
+    return (_complete(mother[: point + 1], iter(father[other:]), primitives),)
