@@ -152,7 +152,7 @@ _OWN: tuple[Family, ...] = (
     Family("wrist_coupling", "one axis drags another through its gears or its spindle", "Mooring 1991", families_angle.wrist_coupling),
     Family("parallel_bar_closure", "the parallel bar is no exact parallelogram", "Schröer 1997", families_angle.parallel_bar),
     Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", families_load.balancing_spring),
-    Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening),
+    Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening, offered=families_load.compliance_with_hardening),
     Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", families_session.thermal_growth),
     Family("lagged_growth", "thick parts follow the room's temperature late, in the first order", "Slocum 1992, ch. 2; ISO 230-3", families_session.lagged_growth),
     Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", families_session.thermal_zero),

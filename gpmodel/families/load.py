@@ -9,7 +9,7 @@ from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import KnownMasses, Mechanism, balls_of, unwrapped
+from gpmodel.mechanism.protocol import Joint, KnownMasses, Mechanism, balls_of, unwrapped
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
@@ -77,13 +77,28 @@ def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the joint error by a stiffness that grows with the load: the cube of torque over largest torque."""
+    for j, load in _relative_loads(mechanism, states):
+        yield one(f"hardening stiffness, {j.name}", _hardening(j, "", f"({load})**3"), 5.0)
+
+
+def compliance_with_hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Yield the deflection of each joint as torque and cube of torque, both over the largest torque."""
+    for j, load in _relative_loads(mechanism, states):
+        effects = _hardening(j, ", linear", load), _hardening(j, ", cubic", f"({load})**3")
+        yield Candidate(f"hardening stiffness, {j.name}", effects, "hardening_stiffness", 5.0)
+
+
+def _relative_loads(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]:
+    """Yield each loaded joint with its torque over the largest torque, as a formula."""
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
         if loaded(states, torque):
-            scale = float(np.max(np.abs(states[torque])))
-            basis = Expression(f"({torque}/{scale:.4g})**3")
-            name = f"hardening stiffness, {j.name}"
-            yield one(name, drive_effect(name, j, basis, family="hardening_stiffness"), 5.0)
+            yield j, f"{torque}/{float(np.max(np.abs(states[torque]))):.4g}"
+
+
+def _hardening(joint: Joint, part: str, formula: str) -> Effect:
+    name = f"hardening stiffness, {joint.name}{part}"
+    return drive_effect(name, joint, Expression(formula), family="hardening_stiffness")
 
 
 def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
