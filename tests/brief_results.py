@@ -7,15 +7,15 @@ from itertools import islice
 from unittest import mock
 
 from gpmodel.errors import InputError
-from gpmodel.report import figures
+from gpmodel.report import page
 
-_every = figures.pictures
+_every = page.pictures
 
 
 @contextmanager
 def one_picture() -> Iterator[None]:
     """For what does not depend on how much is drawn."""
-    with mock.patch.object(figures, "pictures", lambda report: islice(_every(report), 1)):
+    with mock.patch.object(page, "pictures", lambda report: islice(_every(report), 1)):
         yield
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
-from gpmodel.application.possible_changes import NamedChange
+from gpmodel.application.named_changes import NamedChange
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import BRED, CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.report import verification_words
