@@ -37,7 +37,7 @@ def load_mechanism(
     frame: name of the measured frame; only `TCP`, the measured point, is accepted.
     payload_com: centre of mass of the payload relative to the measured point, 3 coordinates in m, in the axes of the
     last rotation or of the platform.
-    Raises InputError for another frame or an invalid file.
+    Raises InputError for a frame other than `TCP` or an invalid file.
     """
     from joints.passive_joint import vector
 

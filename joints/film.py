@@ -97,7 +97,8 @@ def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
-    """Return pressure over total flow of a film of viscosity mu, 6 mu log_ratio / (pi gap^3) [Pa s/m^3] (Fig 4.9)."""
+    """Return pressure over total flow of a film, 6 mu ln(R/l_o) / (pi gap^3) [Pa s/m^3] (thesis, Fig 4.9).
+    mu: viscosity of the air; l_o, R: inner and outer radius of the flat pad."""
     return 6 * geometry.viscosity * geometry.log_ratio / (np.pi * positive("film gap", gap, "m") ** 3)
 
 

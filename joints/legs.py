@@ -270,7 +270,7 @@ class SixLegged:
         return np.linalg.inv(self.jacobian(frames)) @ changed
 
     def links_behind(self, slot: int) -> list[int]:
-        """Return the numbers (from 0) of the links that a frame (slot) before the links moves."""
+        """Return the indices (from 0) of the links that a frame (slot) before the links moves."""
         return []
 
     def jacobian(self, frames: Array) -> Array:
@@ -300,7 +300,8 @@ class SixLegged:
         return legs, out
 
     def values(self, q: Array) -> Array:
-        """Return joint values (poses, joints) as numbers. Raises InputError for an array of another shape."""
+        """Return joint values (poses, joints) as numbers. Raises InputError unless the array has one column per
+        joint."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             names = f"{self.joints[0].name} to {self.joints[-1].name}"

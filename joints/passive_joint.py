@@ -136,7 +136,7 @@ def turn(points: Array, axis: int, angle: Array) -> Array:
 
 
 def vector(values: Sequence[float]) -> tuple[float, float, float]:
-    """Return three numbers as a tuple. Raises InputError for any other count."""
+    """Return three numbers as a tuple. Raises InputError unless there are three numbers."""
     if len(values) != 3:
         raise InputError(f"{tuple(values)}: expected three lengths, x, y and z")
     x, y, z = (float(v) for v in values)

@@ -86,8 +86,8 @@ class RegimeCurve:
 def regime_basis(
     displacement: ArrayLike, contact_end: float, transition_end: float, film_end: float, stand_off: float
 ) -> Array:
-    """Return the derivatives (displacements, 4) of the tension with respect to peak force, film, transition and contact
-    stiffness. The tension is linear in the four parameters."""
+    """Return the derivatives (displacements, 4) of the tension, which is linear in its four parameters.
+    Order of the parameters: peak force, film stiffness, transition stiffness, contact stiffness."""
     x = np.asarray(displacement, float)
     beyond = np.maximum(x - film_end, 0.0)
     return np.stack(

@@ -117,7 +117,7 @@ class SerialChain(Chain):
         return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
 
     def with_gravity(self, gravity: Array) -> SerialChain:
-        """Return the arm with another acceleration of gravity (3,) in the root frame, m/s²."""
+        """Return a copy of the arm with a new acceleration of gravity (3,) in the root frame, m/s²."""
         return replace(self, gravity=np.asarray(gravity, dtype=np.float64))
 
     def with_mass(self, mass: float, moment: Array) -> SerialChain:

@@ -163,7 +163,8 @@ def _by_the_type(
 
 
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
-    """Return the record of the machine's type; raise InputError for another file, or if effects are given too."""
+    """Return the record of the machine's type; raise InputError if the file is no fleet.json, or if effects are
+    given."""
     if effects:
         raise InputError("the fleet already defines the effects; expected no further effects", "effects")
     return fleet_at(fleet, "fleet")

@@ -101,7 +101,8 @@ def selecting(value: object, argument: str) -> SelectionScheme:
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
-    """Return default program representations: as in Robertson (2003) for Cartesian space, others at frames (slots)."""
+    """Return the default program representations: those of Robertson (2003) for Cartesian space, gpmodel's for
+    frames."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
@@ -296,7 +297,8 @@ def evolve(
 
 
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Return the effects of a saved model; raise InputError for another mechanism, or if `standard` is given too."""
+    """Return the effects of a saved model; raise InputError if the joints are not those of `arm`, or if `standard` is
+    given."""
     if standard != ("*",):
         raise InputError(
             "patterns cannot be combined with a model, which fixes the geometry; expected no patterns", "standard"

@@ -108,7 +108,7 @@ def design_problems(
 
 
 def _rivals(outlook: PlanningContext, record: Report | None) -> tuple[dict[str, tuple[Design, float]], str]:
-    """Return design problems and odds by pairs of names of distinguishable alternative causes, and other names."""
+    """Return {pair of causes: (design problem, odds)}, and in words the pairs that the pool cannot distinguish."""
     asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
     pairs = {f"{f.name} or {name}": (outlook.separation(f, e), odds) for f in asked for name, e, odds in f.rivals}
     told = {said: pair for said, pair in pairs.items() if best_deviation(pair[0]) < 1.0 / TOLD_APART}

@@ -51,7 +51,7 @@ class Regression(Shown):
         return Expression(str(self.best.program))
 
     def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
-        """Predict the response at other rows, by the best formula or by formula number `law`, from 0.
+        """Predict the response at the rows of X, by the best formula or by the formula with the index `law` in `laws`.
 
         The predicted response is NaN in a row in which the formula is not defined. Raises InputError for a missing
         column, or a value that is not a finite real number.
@@ -161,7 +161,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
 
 
 def _response(y: ArrayLike, rows: int) -> Array:
-    """Return the response y as numbers, one per row of the inputs X; raise InputError for another shape."""
+    """Return the response y as numbers; raise InputError unless it has one number per row of the inputs X."""
     response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
     if response.shape != (rows,):
         raise InputError(f"has shape {response.shape}; expected one number for each of the {rows} rows of X", "y")
@@ -182,7 +182,8 @@ def _checked(values: Array, argument: str, names: tuple[str, ...] = ()) -> Array
 
 
 def _numbers(value: ArrayLike, argument: str) -> Array:
-    """Return a value as an array of numbers, masked values as NaN. Raises InputError if it holds no real numbers."""
+    """Return a value as an array of numbers, masked numbers as NaN. Raises InputError if the value holds no real
+    numbers."""
     if np.iscomplexobj(value):
         raise InputError("complex numbers, expected real numbers", argument)
     try:

@@ -78,7 +78,7 @@ class SavedResult(RecordedResult):
 
 
 def _of_another_basis(effect: Effect, basis: Expression) -> Effect:
-    """Return an effect with another basis function at unchanged sites."""
+    """Return a copy of an effect at the same sites (frames and axes) with the basis function `basis`."""
     terms = tuple(replace(term, basis=basis) for term in effect.terms)
     return replace(effect, name=f"{basis} on {effect.terms[0].slot} {effect.terms[0].axis}", terms=terms)
 
@@ -141,7 +141,7 @@ class CompareResult:
 def compare(before: object, after: object) -> CompareResult:
     """Compare two results of one machine: results of calibrate, discover or load_result, or their folders.
 
-    Raises InputError for other objects, or results of two machines.
+    Raises InputError for objects that are no results, or for results of two machines.
     """
     from gpmodel.report import compare as compared
 

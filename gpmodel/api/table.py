@@ -140,7 +140,8 @@ def dataset_of(
 ) -> Dataset:  # fmt: skip
     """Read a table for a mechanism; accept poses without measurements if `need_measurement` is False.
 
-    argument: name of the argument in messages. Raises InputError for a table that cannot be read, or with other joints.
+    argument: name of the argument in messages. Raises InputError for a table that cannot be read, or whose joints are
+    not those of the mechanism.
     """
     payload = choice_of(mechanism).payload
     if isinstance(source, np.ndarray) and not need_measurement:
@@ -181,7 +182,8 @@ def announce_reading(source: TableLike, progress: Say) -> None:
 
 
 def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cells:
-    """Return the cells of a file or data frame; raise InputError for an empty table or any other object."""
+    """Return the cells of a file or data frame; raise InputError for an empty table or an object of a different
+    type."""
     if isinstance(source, str | Path) and str(source):
         path = Path(source)
         frame, digest = read_frame(path)
@@ -221,7 +223,10 @@ def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.DataFrame:
-    """Return a data frame of joint values, rad and m, one row a pose; raise InputError for another shape."""
+    """Return a data frame of joint values, rad and m, one row a pose.
+
+    Raises InputError unless the array has one column per joint.
+    """
     joints = mechanism.joints
     if values.ndim != 2 or values.shape[1] != len(joints) or values.dtype.kind not in "fiu":
         said = " x ".join(map(str, values.shape))

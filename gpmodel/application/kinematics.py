@@ -253,8 +253,8 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
 def with_memory_columns(saved: SavedModel, dataset: Dataset, more: Iterable[Effect] = ()) -> Dataset:
     """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
-    more: further effects with inputs that depend on earlier rows. As columns, such inputs do not change with small
-    corrections of joint values.
+    more: further effects with inputs that depend on earlier rows. As columns, inputs that depend on earlier rows do not
+    change with small corrections of joint values.
     Raises InputError if the rows are not known to be in order.
     """
     read = {name for effect in (*saved.model.effects, *more) for name in effect.inputs if read_by(name)}

@@ -70,7 +70,8 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
 
 
 def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
-    """Read a measured table from its JSON record. Raises InputError for a record with other joints."""
+    """Read a measured table from its JSON record. Raises InputError if the joints of the record are not those of the
+    mechanism."""
     joints = mechanism.joints
     count = len(record.row)
     if {len(row) for row in record.q} - {len(joints)}:
@@ -227,7 +228,7 @@ def _unknowns(key: str, values: Sequence[float]) -> Array:
 def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
     """Return the content of model.json with its checksum. more: additional JSON content, not read back.
 
-    Raises InputError for a basis function whose text is not an expression; such a model exists only in Python.
+    Raises InputError for a basis function whose text is not an expression: a function in Python cannot be saved.
     """
     mechanism = saved.mechanism
     choice = choice_of(mechanism)
@@ -310,8 +311,8 @@ def save_model(path: Path, saved: SavedModel, **more: object) -> None:
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
     """Read model.json. mechanism: required only for a mechanism built in Python.
 
-    Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, an invalid field,
-    or another machine.
+    Raises InputError for a missing, too large or changed file, invalid JSON, a file that is no model, an unknown
+    schema, an invalid field, or a mechanism that is not the model's.
     """
     part = read_part(path)
     try:

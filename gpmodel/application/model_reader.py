@@ -251,8 +251,8 @@ MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 def read_part(path: Path) -> ModelPart:
     """Return the content of a model.json.
 
-    Raises InputError for an unreadable file, or if the folder's report names another model. Files that are not named
-    model.json, for example the true model of a simulation, need no report.
+    Raises InputError for an unreadable file, or if report.json in the folder belongs to a different model. Files that
+    are not named model.json, for example the true model of a simulation, need no report.
     """
     part, digest = read_sealed(path, MODEL)
     if path.name == REPORTED_FILE:
@@ -263,8 +263,8 @@ def read_part(path: Path) -> ModelPart:
 def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
     """Read a JSON file with a checksum, and return content and checksum.
 
-    Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, or an invalid
-    field.
+    Raises InputError for a missing, too large or changed file, invalid JSON, a kind or schema that `of` does not list,
+    or an invalid field.
     """
     content = _content(path, of.expected)
     if not isinstance(content, dict) or content.get("kind") != of.kind:

@@ -36,8 +36,9 @@ POWER = 0.9
 class NamedChange:
     """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
 
-    chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
-    changes that explain the later poses as well, and of those in the 95 % credible set, the most probable first.
+    chance: probability that noise alone causes a change at least as significant, corrected for all tested changes.
+    rivals: names of other changes that explain the later poses as well, and of those in the 95 % credible set, the most
+    probable first.
     shares: posterior probabilities of the change and of the rivals.
     """
 
@@ -137,7 +138,7 @@ def suspected(found: Recheck, tried: Sequence[PossibleChange]) -> PossibleChange
 
 
 def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, IntArray]:
-    """Return the posterior probability of each change as the only one, and the numbers of the 95 % credible set."""
+    """Return the posterior probability of each change as the only one, and the indices of the 95 % credible set."""
     nats = np.array([change.evidence(left) for change in tried])
     shares = np.exp(nats - nats.max())
     shares /= shares.sum()

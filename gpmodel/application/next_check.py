@@ -105,7 +105,7 @@ class Pool:
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the numbers of the candidate poses that are not in `taken`, or of all poses if `taken` has all."""
+        """Return the indices of the candidate poses that are not in `taken`, or of all poses if `taken` has all."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 

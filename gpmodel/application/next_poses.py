@@ -32,7 +32,7 @@ LITTLE = 1e-9
 
 @dataclass(frozen=True)
 class Alternatives:
-    """A finding and its alternative causes. effects: numbers of the finding's effects in the model.
+    """A finding and its alternative causes. effects: indices of the finding's effects in the model.
 
     rivals: names and effects of the alternatives, and odds of the finding against each alternative.
     """

@@ -1,4 +1,4 @@
-"""Loads that a description or a table states wrongly: an undeclared payload, another direction of gravity.
+"""Loads that a description or a table states wrongly: an undeclared payload, a wrong direction of gravity.
 
 Joint j and the base deflect by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load of a unit of change k of
 payload or gravity. All compliances c_j share the changes x, which are found by variable projection (Golub and Pereyra

@@ -107,7 +107,8 @@ class PossibleChange:
         return chance_by_noise(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change: of the length of the vector of the numbers in its unit."""
+        """Return size and standard error of the change: the length of the vector of its parameters with the unit
+        `unit`."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
         its_unit = [not self.effects or effect.unit == self.unit for effect in self.effects or values]
@@ -118,7 +119,8 @@ class PossibleChange:
         return (float(values[0]) if sum(its_unit) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """Return the change with the columns of other changes projected out, zero if only rounding errors remain."""
+        """Return the change with the columns of the selected changes, `left.basis`, projected out; zero if only
+        rounding errors remain."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
@@ -184,8 +186,8 @@ def _mass(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield changes of position and orientation of objects on links (camera, board, inclinometer), and of
-    lens numbers."""
+    """Yield changes of position and orientation of objects on links (camera, board, inclinometer), and of parameters of
+    a lens."""
     session, names, raw = found.session, found.problem.placement_names, found.problem.columns
     for kind, key in kept_by(session.saved, session.poses.dataset):
         of_a_lens = not set(kind.own[key]) <= set(AXES)
@@ -281,5 +283,6 @@ def log_likelihood(left: Recheck, explained: float = 0.0) -> float:
 
 
 def chance_by_noise(found: Recheck, score: float, numbers: int) -> float:
-    """Return the chance that noise alone explains a part `score` of the chi-square by some numbers."""
+    """Return the probability that noise alone makes the part of the chi-square explained by `numbers` fitted parameters
+    at least `score`."""
     return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0

@@ -218,7 +218,10 @@ def _before(saved: SavedModel, problem: Linearised) -> Array:
 
 
 def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
-    """Return the model to save, with the persistent effects `lasting` written as in the model `before`."""
+    """Return the model to save, with only the effects of the mask `lasting`.
+
+    An effect that the model `before` contains keeps its definition (terms, unit, prior) in `before`.
+    """
     now, data = fit.session.saved, fit.session.poses.dataset
     written = {effect.name: effect for effect in before.model.effects}
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])

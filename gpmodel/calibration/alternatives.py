@@ -53,8 +53,8 @@ class FittedColumns:
 
     @cached_property
     def orthogonal(self) -> LeaveOneOut:
-        """Each fitted column, without its part in the span of the others (limited by their priors). Rows of priors
-        follow the rows of measurements."""
+        """Part of each fitted parameter's column of derivatives that the columns of the other fitted parameters do not
+        explain, with priors as rows after the rows of measurements."""
         fit = self.calibration
         loose = fit.free & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
@@ -304,7 +304,7 @@ def _telling(
 
 
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
-    """Return the numbers, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
+    """Return the indices, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
 
     Unknowns of one table alone, such as fixed ends of distances, exist in `here` only.
     """

@@ -46,7 +46,7 @@ def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
 def inclusion_order(
     mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = (), growth: Array | None = None
 ) -> IntArray:
-    """Return the order, as numbers, in which a fit includes effects: joint zeros, then lengths, then angles.
+    """Return the indices of effects in the order in which a fit includes them: joint zeros, then lengths, then angles.
 
     Effects at a joint that does not move are omitted, because the link before the joint has equivalent parameters.
     growth: similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.

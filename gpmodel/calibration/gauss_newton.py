@@ -81,7 +81,8 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 
 
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
-    """Return the displacement of each measurement by the instrument's effects with numbers `own`.
+    """Return the displacement of each measurement by the instrument's effects, which have the indices `own` in the
+    model.
 
     The displacement is the difference of predictions with and without the effects.
     """

@@ -141,7 +141,8 @@ class Fitting:
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
-        """Return the linear problem with the residual at other parameter values and unchanged derivatives."""
+        """Return the linear problem with the residual at the parameter values `theta` and `placement`, and old
+        derivatives."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.block, self.ratio)
         return there

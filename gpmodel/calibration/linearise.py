@@ -270,7 +270,7 @@ def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mas
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """Return the linear problem with the residual at other parameter values; all joints must be measured."""
+    """Return the linear problem with the residual at the values `theta`, `placement`; all joints must be measured."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]

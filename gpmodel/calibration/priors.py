@@ -47,7 +47,7 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Return the equations of the priors, m, of the fitted geometric constants with numbers `at`.
+    """Return the equations of the priors, m, of the fitted geometric constants with the indices `at`.
 
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise all
     constants θ_all, also constants that are not fitted, have the standard deviation `reach`. The fitted constants θ = A

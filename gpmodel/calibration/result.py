@@ -97,7 +97,7 @@ class Calibration(Uncertainty):
     theta: value of each effect of the model, SI units, zero where dropped.
     free: True for each fitted effect.
     error: 3-D error of each pose, m.
-    outliers: numbers of the poses that are excluded from the fit.
+    outliers: indices of the poses that are excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     rotation_weight: weight of a radian of measured rotation, m.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
@@ -129,7 +129,8 @@ class Calibration(Uncertainty):
 
     @property
     def prior_errors(self) -> Array:
-        """Prior standard deviation of each effect that the measurements do not show, SI units; NaN of other effects."""
+        """Prior standard deviation of each effect that the measurements do not show, SI units; NaN for effects that the
+        measurements show."""
         deviation = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
         return np.where(self.free | (deviation == 0.0), np.nan, deviation)
 
@@ -255,7 +256,7 @@ def _or_one(norms: Array) -> Array:
 
 
 def placement_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[PlacementNumber, ...]:
-    """Return registration and tool as numbers with standard errors.
+    """Return the coordinates of registration and tool with standard errors.
 
     Each frame has a position, m, and a rotation vector, rad. The frames are the robot's root in the instrument's frame
     and the tool in the flange's frame.
@@ -274,7 +275,8 @@ def placement_numbers(placement: Placement, problem: Linearised, covariance: Arr
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[PlacementNumber]:
-    """Return position and rotation of one frame as numbers, without components that no measurement determines.
+    """Return the coordinates (position, rotation vector) of a frame, without coordinates that no measurement
+    determines.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
     """

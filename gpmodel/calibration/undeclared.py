@@ -145,8 +145,9 @@ class UndeclaredCovariance:
     def posterior_mean(self, white: Array, model: ErrorModel) -> Effect | None:
         """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
 
-        The effect is None if all functions are below SHOWN times the noise. The effect's prior is the standard
-        deviation of the functions relative to their mean, both RMS over the measurements.
+        The result is None if every unknown function moves the measurements by less than SHOWN times the noise (RMS).
+        The effect's prior is the standard deviation of the functions relative to their mean, both RMS over the
+        measurements.
         """
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
         weights = self.values.T @ (self.axes * pulled[:, None])
@@ -209,7 +210,7 @@ Wave = tuple[str, int, float]
 
 @dataclass(frozen=True)
 class SinusoidProducts:
-    """Products of sinusoids of the joint values; their weighted sum is a function of an undeclared effect.
+    """Products of sinusoids of the joint values q; their weighted sum is the unknown error f(q) along one axis.
 
     names: joint names.
     sizes: standard deviation of the coefficient of each product.

@@ -40,7 +40,7 @@ MINIMUM_POSES = 4
 
 
 def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the numbers of the joints without a sensor, whose values in the table are approximate."""
+    """Return the indices of the joints without a sensor, whose values in the table are approximate."""
     return tuple(i for i, joint in enumerate(mechanism.joints) if not joint.measured)
 
 

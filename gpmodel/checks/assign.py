@@ -265,7 +265,8 @@ def header_of(sheet: Sheet, column: int) -> Axis:
 
 
 def si_of(unit: str | None, kind: str) -> float:
-    """Return the factor from a unit to rad or m, by kind of joint; 0 for a unit of another dimension."""
+    """Return the factor from a unit to rad or m, by kind of joint; 0 for a unit that is not one of the joint's kind
+    (angle or length)."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
 
 

@@ -23,12 +23,13 @@ for which all signs are compared."""
 
 
 def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield the fitting interpretation of joint columns with the fewest changes of zeros, couplings and signs, if any.
+    """Yield the interpretation of the joint columns that fits the measured points with the fewest changes, if one fits.
 
-    A beam search adds one change at a level and compares lower bounds of the residual, which do not depend on the unit
-    of `p` and cannot see a mirror image. If a lower bound is small, all sign patterns are compared by a fit of a
-    similarity. The zeros of the first and of the last joint are not changed: registration and tool absorb them. A
-    second interpretation with as few changes is named too.
+    A change is another zero or sign of a joint column, or a coupling of two joint columns. A beam search adds one
+    change at a level and compares lower bounds of the residual, which do not depend on the unit of `p` and cannot see a
+    mirror image. If a lower bound is small, all sign patterns are compared by a fit of a similarity. The zeros of the
+    first and of the last joint are not changed: registration and tool absorb them. A second interpretation with as few
+    changes is named too.
     """
     changes, patterns = _changes(mechanism), np.array(list(product((1.0, -1.0), repeat=q.shape[1])))
     tried = np.eye(q.shape[1], q.shape[1] + 1)[None]

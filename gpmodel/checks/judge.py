@@ -139,7 +139,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
 
 
 def evenly(count: int) -> IntArray:
-    """Return the numbers of the rows that are fitted: all `count` rows, or MOST_FITTED in evenly spaced stretches."""
+    """Return the indices of the rows that are fitted: all `count` rows, or MOST_FITTED in evenly spaced stretches."""
     if count <= MOST_FITTED:
         return np.arange(count)
     starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)

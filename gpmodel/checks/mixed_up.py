@@ -140,14 +140,14 @@ def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) ->
 
 
 def comparable_rows(data: Dataset) -> IntArray:
-    """Return the numbers of the rows with a measured x, y and z, of the most frequent set-up and tool."""
+    """Return the indices of the rows with a measured x, y and z, of the most frequent set-up and tool."""
     places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
     usual = np.array(places) == max(set(places), key=places.count)
     return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
 def typical_rows(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """Return the numbers of the poses except the worst, and the error of every pose, m, by a fit without the worst.
+    """Return the indices of the poses except the worst, and the error of every pose, m, by a fit without the worst.
 
     Gross errors of single poses do not indicate exchanged columns.
     """

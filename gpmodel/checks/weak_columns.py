@@ -48,9 +48,9 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
     """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose; else
     return None.
 
-    The predicted point moves on a circle with the angle. The free angle minimises the distance from the measured point.
-    Angles and standard model are fitted in turn, starting from `fit`, the standard model. The standard deviation of the
-    residual allows for one unknown per pose.
+    If the angle of joint k changes, the predicted point moves on a circle. The free angle minimises the distance of the
+    predicted point from the measured point. Angles and standard model are fitted in turn, starting from `fit`, the
+    standard model. The standard deviation of the residual allows for one unknown per pose.
     """
     now, free = fit, data
     for _ in range(PASSES):

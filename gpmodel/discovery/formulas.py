@@ -177,7 +177,7 @@ def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
 
 
 def _at(site: Site, effect: Effect) -> Effect:
-    """Return a copy of an effect with another site (frame and axis)."""
+    """Return a copy of an effect that acts at the given site (frame and axis)."""
     return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
 
 

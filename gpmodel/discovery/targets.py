@@ -22,8 +22,8 @@ from gpmodel.table.units import is_time
 def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Targets:
     """Compute the sufficient statistics of the residual at each site for some poses.
 
-    A basis function φ at a site has the column r φ, with r the sensitivity of the rows. Summed over each pose's rows:
-    r² (weight of φ²), r times the basis of the model's columns, and r times the residual. rows: pose numbers.
+    A basis function φ at a site adds the column r φ; r: sensitivity of the rows. Summed over each pose's rows: r²
+    (weight of φ²), r times the basis of the model's columns, and r times the residual. rows: pose numbers.
     """
     columns = _columns(residual, sites)
     weight = _by_pose(residual, columns**2, rows)
@@ -63,7 +63,7 @@ def _compact(cross: Array) -> Array:
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""Physical quantity of a table column by its unit. A column with another unit is compared only with its own unit."""
+"""Physical quantity of a table column by its unit. A unit that is not listed is a physical quantity by itself."""
 
 ALIKE = 1e-4
 """Largest unexplained share of variance of two columns that count as proportional: a hundredth of the spread. The

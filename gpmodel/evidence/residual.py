@@ -206,7 +206,7 @@ class Residual:
         return found
 
     def _weighed_for(self, sigma: float) -> "Residual":
-        """Weight the priors of the effects for another standard deviation `sigma` of the noise, m."""
+        """Weight the priors of the effects for a standard deviation `sigma` of the noise, m."""
         weight, rows = sigma / self.noise, slice(self.measured, None)
         system, target = self.system.copy(), self.target.copy()
         system[rows], target[rows] = weight * system[rows], weight * target[rows]

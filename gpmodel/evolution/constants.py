@@ -23,11 +23,12 @@ def polish(
     held: tuple[float, ...] = (),
     steps: int = 20,
 ) -> tuple[Program, float]:
-    """Fit the constants of a program at a site; return the program and the share of the residual's squares it removes.
+    """Fit the constants of a program at a site (frame and axis); return the program and its gain.
 
-    The method is Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at
-    every step. Constants with a value in ``held`` are not fitted. The fit never lowers the gain. A program with several
-    outputs, or without a free constant, is returned unchanged.
+    The gain is the share of the residual sum of squares that the program removes. The method is Levenberg-Marquardt on
+    the projected residual (`kernels.constants`); the coefficient is solved at every step. Constants with a value in
+    ``held`` are not fitted. The fit never lowers the gain. A program with several outputs, or without a free constant,
+    is returned unchanged.
     """
     place = targets if targets.sites == 1 else targets.only(site)
     free = np.array([value not in held for value in program.constants], dtype=bool)
@@ -44,8 +45,7 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Convert a program to three rows: the op-code and the two arguments of each node. names: names of the inputs, in
-    the order of their numbers."""
+    """Convert a program to three rows: the op-code and the two arguments of each node. names: inputs by index."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 
     numbers = count()

@@ -41,7 +41,7 @@ KEPT = 40
 """Number of formulas of one input that are fitted to binned values first, and to all poses afterwards."""
 PIECES, PRODUCTS = 8, 48
 """Number of formulas of shortest description that are kept for each factor, summand, weighted sum or distance; largest
-number of products of such formulas."""
+number of products of the kept formulas."""
 BEHIND = 40.0
 """Largest difference in log likelihood, nats, to the most likely structure, at which a structure of a formula of
 several inputs is searched."""
@@ -224,7 +224,7 @@ def _of_distance(problem: SlotProblem) -> _Structure:
 
 
 def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
-    """Return formulas of the value of the program ``joined``, such as a weighted sum of inputs."""
+    """Return formulas f(u) of one variable u: the value of the program ``joined``, such as a weighted sum of inputs."""
     column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:

@@ -211,8 +211,8 @@ class Trial:
 
 
 def founders(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
-    """Return the ``most`` short forms of one input with the largest gain at the first site, before constants are
-    fitted.
+    """Return the ``most`` short forms of one input with the largest gain at the first site of `targets`, before
+    constants are fitted.
 
     column: values (poses,) of the input. Of short forms that differ in constants alone only the best is returned. Short
     forms are compared on at most ``BINS`` values. A constant column has no short forms.

@@ -87,13 +87,13 @@ NONE = 255
 
 @dataclass(frozen=True)
 class Typing:
-    """Numbers of all kinds of quantities that can arise from the inputs; without ``inputs`` anything is allowed."""
+    """Indices of all kinds of quantities that can arise from the inputs; without ``inputs`` anything is allowed."""
 
     inputs: tuple[str, ...] = ()
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """Names of all kinds of quantities, by number; constants have the number 0."""
+        """Names of all kinds of quantities, by index; constants have the index 0."""
         made = (CONSTANT, NUMBER, BENT, SQUARE, *self.inputs) if self.inputs else (ANY,)
         return tuple(dict.fromkeys(made))
 

@@ -68,7 +68,8 @@ class LinkFunction:
     def always(self, inputs: Mapping[str, Array]) -> list[Program]:
         """Return the terms of every sum: a constant and, with ``with_inputs``, each input under the link function.
 
-        Constant inputs are no such terms, and no input is if their number exceeds half the number of rows.
+        A constant input is no term of the sums. If the inputs are more than half as many as the rows, no input is a
+        term.
         """
         solvable = self.with_inputs and all(2 * len(inputs) <= len(column) for column in inputs.values())
         varying = (name for name, column in inputs.items() if solvable and self._varies(column))

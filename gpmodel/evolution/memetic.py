@@ -37,7 +37,7 @@ DIGITS = 1e-4
 
 
 class Formulas:
-    """A population of formulas with one output at the first site of a problem; each different formula is fitted once.
+    """A population of formulas: basis functions at the first site of a problem. Each different formula is fitted once.
     allows: function that returns whether a program is allowed as a formula. loss: function that returns a share of the
     residual sum of squares as a penalty of a program, in addition to its residual."""
 

@@ -84,7 +84,7 @@ class Targets:
 
     @cached_property
     def first(self) -> SiteStatistics:
-        """Statistics of the residual at the first site."""
+        """Statistics of the residual at the first site in the list `names`."""
         begins = np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
         return SiteStatistics(
             self.weight[0], self.cross[0], begins, self.pull[0], float(self.energy), self.unique_share
@@ -129,10 +129,11 @@ class Targets:
     def gains(self, values: Sequence[Array], site: int = 0) -> Array:
         """Return the gains of many sets of basis functions at one site, each set solved together.
 
-        values: list of arrays (sets, poses), one basis function of every set each, or (1, poses) if all sets share it.
-        A basis function that is not finite, is zero, or is in the span of the model's columns (share outside the span
-        below ``unique_share``) adds no gain. A set is solved in the given order, not by forward selection as in
-        ``set_gain``. The gains of the two methods differ slightly if functions of a set are nearly equal.
+        values: one array (sets, poses) for each basis function of a set; row k has the values of the function in set k.
+        An array with one row, (1, poses), is a function that belongs to every set. A basis function that is not finite,
+        is zero, or is in the span of the model's columns (share outside the span below ``unique_share``) adds no gain.
+        A set is solved in the given order, not by forward selection as in ``set_gain``. The gains of the two methods
+        differ slightly if functions of a set are nearly equal.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]
@@ -162,8 +163,8 @@ class Targets:
         return gains / self.energy if self.energy > 0 else np.zeros_like(gains)
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
-        """Return the gain of basis functions with given coefficients, as on other poses; negative if the residual
-        becomes larger."""
+        """Return the gain of basis functions with given coefficients, for example fitted to other poses than those of
+        the statistics; the gain is negative if the residual becomes larger."""
         used = coefficients != 0.0
         shape = coefficients[used] @ values[used]
         if not np.all(np.isfinite(shape)) or self.energy <= 0:
@@ -216,13 +217,14 @@ def unit_rows(values: Array) -> Array:
 
 
 def row_products(first: Array, second: Array) -> Array:
-    """Return the scalar product of each row of one table with the row of another; a table may have one row for all."""
+    """Return the scalar products of row k of one table with row k of a second table. If a table has one row only, the
+    row is used for every k."""
     few, many = (first, second) if len(first) == 1 else (second, first)
     return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
-    """Return the numbers of linearly independent rows of a Gram matrix, by pivoted Cholesky decomposition.
+    """Return the indices of linearly independent rows of a Gram matrix, by pivoted Cholesky decomposition.
 
     total: squared norms of the rows before any projection. A row is left out if its part orthogonal to the selected
     rows is below ``limit`` of its squared norm.

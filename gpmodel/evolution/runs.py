@@ -94,7 +94,8 @@ class Plan:
     def tasks(self, problem: Problem) -> dict[Number, Task]:
         """Return the task of every evolution run. The key is a pair: index of the setting, and twice the index of the
         run, plus one if the residual is permuted.
-        Each task has a random stream that depends on the seed, the name of the setting and the number."""
+        The random stream of a task depends on the seed, on the name of the setting, on the index of the run, and on
+        whether the residual is permuted."""
         tasks = {}
         for place, (name, settings) in enumerate(self.settings.items()):
             for number in range(self.runs):

@@ -38,11 +38,13 @@ def shorter_forms(program: Program) -> Iterator[Program]:
 
 
 Made = Callable[[Builder, list[int]], int]
-"""Function that adds nodes to a builder, given the new numbers of the earlier nodes, and returns its last node."""
+"""Function that adds nodes to a builder, given the new indices of the earlier nodes, and returns the index of the last
+added node."""
 
 
 def replaced(program: Program, made: Mapping[int, Made]) -> Program:
-    """Return the program with some of its nodes, by their numbers, made otherwise."""
+    """Return the program in which some nodes are replaced. made: function that adds the replacement, by index of the
+    node."""
 
     def build(builder: Builder, node: Node, copies: list[int]) -> int:
         make = made.get(len(copies))

@@ -2,7 +2,7 @@
 
 Functions of several inputs are products, sums, a product plus a summand, a function of a weighted sum, or of a
 distance. A function φ is a sum of sines Φ (poses, sines) with coefficients a of the prior variance τ of highest
-evidence; D, B, g: weight, cross and pull of ``projection.Targets`` at the first site, σ²: noise variance:
+evidence; D, B, g: weight, cross and pull of ``projection.Targets`` at the site; σ²: noise variance:
     a = (Φᵀ(D - BᵀB)Φ + σ²/τ I)⁻¹ Φᵀg,    φ = Φa
 Source: Breiman and Friedman (1985) for alternating factors; Friedman and Stuetzle (1981) for functions of weighted
 sums.
@@ -199,7 +199,8 @@ def noise_left(targets: Targets, column: Array) -> float:
 
 
 def without(targets: Targets, values: Array) -> Targets:
-    """Return the residual statistics after a function (poses,) at the first site is subtracted from the residual."""
+    """Return the statistics of the residual at a site after the displacement by a basis function (poses,) is
+    subtracted."""
     seen = targets.cross[0] @ values
     column = targets.weight[0] * values - seen @ targets.cross[0]
     left = targets.energy - 2.0 * float(targets.pull[0] @ values) + float(column @ values)

@@ -89,7 +89,7 @@ class Candidate:
             raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
-        """Return the candidate with other constants in its basis functions, and without priors."""
+        """Return a copy of the candidate with new constants in its basis functions, and without priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
         return replace(self, name=inner.full_name, effects=effects, inner=inner)
 

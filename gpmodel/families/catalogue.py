@@ -210,7 +210,7 @@ def names() -> tuple[str, ...]:
 
 
 def family(name: str) -> Family | None:
-    """Return the family with a given name, or None if there is no such family."""
+    """Return the family with a given name, or None if no family has the name."""
     return next((f for f in catalogue if f.name == name), None)
 
 

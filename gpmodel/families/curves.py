@@ -59,7 +59,10 @@ def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield an error at each site: three harmonics of another joint's angle, or in proportion to a column."""
+    """Yield errors at each site: three harmonics of a joint's angle, or a multiple of a further column of the table.
+
+    Harmonics of a joint's angle are not offered at the moving frame of the joint itself.
+    """
     joints = revolute(mechanism)
     for site in sites_of(mechanism):
         for j in joints:

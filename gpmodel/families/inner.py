@@ -78,7 +78,7 @@ class NonlinearParameters:
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
-        """Return the template of the candidate with other values of the constants inside its basis functions."""
+        """Return a copy of the template with new values of the constants inside its basis functions."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 

@@ -46,7 +46,8 @@ def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candida
 def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the tilt of each bearing or carriage in proportion to the moments at its joint, rad/Nm.
 
-    The bearing of a revolute joint tilts across its axis. A carriage also rolls about its guideway.
+    The bearing of a revolute joint tilts across the joint axis. The carriage of a linear joint tilts across its
+    guideway and rolls about it.
     """
     for j in mechanism.joints:
         axes = [a for a in (across(j) if j.kind == "revolute" else "xyz") if loaded(states, f"moment_{j.name}_{a}")]

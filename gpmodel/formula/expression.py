@@ -209,8 +209,8 @@ class Expression:
 
     @cached_property
     def call(self) -> tuple[str, str]:
-        """Name and argument of the outermost function of the expression, such as `sin` and `2*J4`; empty if there is no
-        such function."""
+        """Name and argument of the outermost function of the expression, such as `sin` and `2*J4`; empty if the
+        expression has no function."""
         program = self.program
         last = program.nodes[program.outputs[0]]
         if len(last.arguments) != 1:

@@ -27,7 +27,7 @@ class Named(Protocol):
 class Node(NamedTuple):
     """A node of a program: an input with its name, a constant with its value, or an operator on earlier nodes.
 
-    arguments: numbers of the nodes to which the operator applies.
+    arguments: indices of the nodes to which the operator applies.
     """
 
     operator: str
@@ -58,7 +58,7 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
     def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
-        """Return the values of every node of the program, `length` values each.
+        """Return the values of every node of the program: `length` values for each node.
 
         constants: values that replace the constants of the program. An undefined value is NaN or infinite, without a
         warning.
@@ -112,11 +112,12 @@ class Program:
         yield from self.outputs
 
     def select(self, outputs: Iterable[int]) -> "Program":
-        """Return the program of some of the outputs, by their numbers, without nodes that only other outputs need."""
+        """Return the program with only the outputs of the given indices, without the nodes that no selected output
+        needs."""
         return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
-        """Return the program with other constants, in the order of ``constants``. Equal constants are merged.
+        """Return the program with its constants replaced, in the order of ``constants``. Equal constants are merged.
 
         Raises InputError for a constant that is not finite.
         """
@@ -150,8 +151,8 @@ class Program:
     def rebuilt(self, build: "Build") -> "Program":
         """Return the program in which `build` replaces each node.
 
-        build: function that adds the replacement of a node to a builder, given the new numbers of the earlier nodes,
-        and returns the number of the replacement.
+        build: function that adds the replacement of a node to a builder, given the new indices of the earlier nodes,
+        and returns the index of the replacement.
         """
         builder, copies = Builder(), list[int]()
         for node in self.nodes:
@@ -237,11 +238,12 @@ class Builder:
         return self._intern(Node(operator, arguments))
 
     def add(self, node: Node, copies: list[int]) -> int:
-        """Add a node of another program and return its new number. copies: new number of each earlier node."""
+        """Add a copy of a program's node to the builder and return its new index. copies: new index of each earlier
+        node."""
         return self._intern(Node(node.operator, tuple(copies[k] for k in node.arguments), node.value))
 
     def copy(self, program: Program) -> list[int]:
-        """Add all nodes of another program and return their new numbers."""
+        """Add copies of all nodes of a program to the builder and return their new indices."""
         copies: list[int] = []
         for node in program.nodes:
             copies.append(self.add(node, copies))

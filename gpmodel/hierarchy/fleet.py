@@ -205,7 +205,8 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
 
 
 def _of_machines(found: Deviations, k: int) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
-    """Return deviation z and chance of each machine in quantity number `k`, and the numbers of outlying machines."""
+    """Return deviation z and chance of each machine in the quantity with the index `k`, and the indices of outlying
+    machines."""
     outside = np.flatnonzero(np.logical_not(found.inside[:, k]))
     return tuple(found.z[:, k].tolist()), tuple(found.chance[:, k].tolist()), tuple(outside.tolist())
 

@@ -230,12 +230,12 @@ class MachineSearch:
         return MachineFindings(tuple(finding.candidate for finding in result.findings), result.confirmed)
 
     def fit(self, shared: Sequence[Candidate]) -> Calibration:
-        """Calibrate the training poses with the geometry and the effects `shared`."""
+        """Fit the geometric constants and the effects `shared` to the training poses of the machine."""
         effects = (*geometric_effects(self.mechanism), *(e for c in shared for e in c.effects))
         return calibrate(ErrorModel(self.mechanism, effects), self.poses.subset(self.rows[0]), seed=self.seed)
 
     def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
-        """Return the residual of the training poses after a calibration with the geometry and the effects `shared`."""
+        """Return the residual of the training poses after a fit of the geometric constants and the effects `shared`."""
         return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, FOLD_SEED)
 
 
@@ -254,8 +254,8 @@ class FleetSearch:
     criteria: Criteria = field(default_factory=Criteria)
 
     def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, MachineFindings]:
-        """Return the findings of some machines by number, given the effects `known` in their models. places: their
-        numbers."""
+        """Return {index: findings} of the machines with the indices `places`. known: effects in the models before the
+        search."""
         names = {k: f"machine-{k + 1:04d}{'-again' if known else ''}" for k in places}
         done = {k: one for k, name in names.items() if (one := self.kept.machine(name)) is not None}
         left, which = [k for k in places if k not in done], "again, " if known else ""

@@ -159,7 +159,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     """Fit a machine of the type to the poses `seen` and compute its errors on the poses `unseen`.
 
     An effect that deviates significantly from the type in the fit to the poses `seen` alone loses the prior of the
-    type. Raises InputError if the fleet has another mechanism.
+    type. Raises InputError if `mechanism` is not the mechanism of the fleet.
     """
     prior = prior_model(fleet, mechanism)
     steps = _own_poses(fleet, prior, seen, unseen, seed)

@@ -169,7 +169,7 @@ class SharedPart(msgspec.Struct, frozen=True):
     values, stderrs: value and standard error of each machine alone.
     shrunken: value of each machine with the prior of the type; empty for geometry, whose prior has further constants.
     z, chances: deviation of each machine from the others, and its chance for any machine of a fleet without outliers.
-    outliers: numbers of outlying machines, which do not count for the mean and spread.
+    outliers: indices of outlying machines, which do not count for the mean and spread.
     """
 
     name: Label
@@ -217,7 +217,7 @@ class BlockPart(msgspec.Struct, frozen=True):
     effects: effects of the block with their own priors.
     spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
     z: RMS distance of each machine from the others in the directions that its poses determine, of one effect with sign.
-    chances, outliers: p-value of the distance of each machine, and numbers of outlying machines.
+    chances, outliers: p-value of the distance of each machine, and indices of outlying machines.
     """
 
     name: Label

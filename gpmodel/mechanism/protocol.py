@@ -159,8 +159,8 @@ class WeightByPart(Protocol):
 
         torque_J2_of_J4_x: torque about the coordinate J2 of a first moment of mass of 1 kg·m along x of J4.moving,
         carried by the link beyond J4. moment_base_x_of_J4_x: moment of this first moment about the base. The gravity
-        torque about a revolute joint is a combination of such parts. torque_J2_of_J4: torque of the nominal weight of
-        the link beyond J4. Source: Khalil and Dombre 2002, chapter 9.
+        torque about a revolute joint is a linear combination of these torques, one for each first moment of mass.
+        torque_J2_of_J4: torque of the nominal weight of the link beyond J4. Source: Khalil and Dombre 2002, chapter 9.
         """
 
 
@@ -233,7 +233,7 @@ class ChangeableLoads(KnownMasses, Protocol):
     """A mechanism whose gravity and masses can be changed."""
 
     def with_gravity(self, gravity: Array) -> Mechanism:
-        """Return the mechanism with another acceleration of gravity (3,) in the root frame, m/s²."""
+        """Return a copy of the mechanism with a new acceleration of gravity (3,) in the root frame, m/s²."""
 
     def with_mass(self, mass: float, moment: Array) -> Mechanism:
         """Return the mechanism with a further mass, kg, fixed to the measured frame.

@@ -180,7 +180,7 @@ class LoadedMechanism:
         return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, FittedLever) else self
 
     def with_gravity(self, gravity: Iterable[float]) -> "LoadedMechanism":
-        """Return the mechanism with another acceleration of gravity (3,) in its root frame, m/s²."""
+        """Return a copy of the mechanism with a new acceleration of gravity (3,) in its root frame, m/s²."""
         choice = replace(self.choice, gravity=tuple(float(v) for v in gravity))
         return LoadedMechanism(choice, self._changeable.with_gravity(np.array(choice.gravity)))
 

@@ -1,6 +1,7 @@
 """Columns with memory: inputs of basis functions that depend on the poses measured before.
 
-Expressions may contain the names of columns with memory. Such a name ends with a constant (`p`: decimal point):
+Expressions may contain the names of columns with memory. The name of a column with memory ends with the constant of its
+operator (`p`: decimal point):
 
     last_move_J2            sign of the last move of the joint, 0 before its first move
     play_J2_0p01            play operator of half-width r:  y_k = max(x_k - r, min(x_k + r, y_(k-1))), y_0 = x_0

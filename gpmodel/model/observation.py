@@ -64,7 +64,7 @@ class Observation(Protocol):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Unknowns of the equipment as {key: names of the numbers}, in the order of the columns of `by_own`."""
+        """Unknowns of the equipment as {key: names of the parameters}, in the order of the columns of `by_own`."""
 
     @property
     def kept(self) -> tuple[str, ...]:

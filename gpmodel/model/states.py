@@ -193,7 +193,7 @@ class States:
     def value(self, basis: Basis) -> Array:
         """Return the values of a basis function at the poses, cached, since a fit needs the values at every step.
 
-        Raises InputError if a basis function that is no Expression returns another shape.
+        Raises InputError if a basis function that is no Expression does not return one value per pose.
         """
         text = str(basis)
         if not isinstance(basis, Expression):

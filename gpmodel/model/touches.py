@@ -51,7 +51,7 @@ class Artefact:
     """A rigid body with one unknown pose that the tool touches.
 
     name: key of the body's unknowns.
-    axes: numbers of the observable twists of the body's frame.
+    axes: indices (in AXES) of the observable twists of the body's frame.
     features: touched surfaces of the body.
     """
 
@@ -77,7 +77,8 @@ class Artefact:
 
 @dataclass(frozen=True, eq=False)
 class Touches(OfTip):
-    """Gaps of tool point and touched surface, measured as zero, m. body, feature: numbers of the surface, or -1."""
+    """Gaps of tool point and touched surface, measured as zero, m. body, feature: indices of body and surface, or
+    -1."""
 
     name: str
     bodies: tuple[Artefact, ...]

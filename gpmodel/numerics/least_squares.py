@@ -179,7 +179,7 @@ class Omitted:
     With W the omitted rows of an orthonormal basis of the columns, the residuals of the omitted rows are A⁻¹ times
     their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
-    rows: numbers of the omitted rows.
+    rows: indices of the omitted rows.
     there: rows W of the basis that are omitted.
     factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.

@@ -121,7 +121,7 @@ class Ranking:
 
     fixed: orthonormal columns that are always included.
     candidates: candidate columns of unit length.
-    order: numbers of the candidates, the preferred first; candidates near zero are left out.
+    order: indices of the candidates, the preferred first; candidates near zero are left out.
     """
 
     fixed: Array
@@ -129,7 +129,7 @@ class Ranking:
     order: IntArray
 
     def kept(self, condition_limit: float) -> IntArray:
-        """Select a well-conditioned subset of candidate columns in order of preference; return their sorted numbers.
+        """Select a well-conditioned subset of candidate columns in order of preference; return their sorted indices.
 
         A candidate is kept if at least 1 / condition_limit of its unit length is orthogonal to the fixed and the kept
         columns. The order of several dependent columns, not the poses, thereby decides which column is kept.
@@ -147,7 +147,7 @@ class Ranking:
 def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
     """Order candidate columns, given fixed columns, by preference.
 
-    order: numbers of the candidates, the preferred first; by default in the order of the columns.
+    order: indices of the candidates, the preferred first; by default in the order of the columns.
     Columns near zero are dropped before scaling. QR reduces the number of rows to the number of columns and keeps all
     inner products. Source: Golub and Van Loan, 5.2.
     """
@@ -184,7 +184,7 @@ class Folded:
     def squared(self, chosen: IntArray) -> Array:
         """Return the sum of squared prediction errors of each fold, with coefficients fitted to the other folds.
 
-        chosen: numbers of the fitted columns.
+        chosen: indices of the fitted columns.
         """
         out = []
         for k, tested in enumerate(self.triangles):

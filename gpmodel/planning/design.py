@@ -207,7 +207,7 @@ def _inner(inverse: Array, columns: Array, sign: float) -> Array:
 
 
 def choose(columns: Array, known: Array, count: int, goal: Criterion) -> IntArray:
-    """Select `count` poses that minimise a criterion; return their numbers in the pool, the most informative first.
+    """Select `count` poses that minimise a criterion; return their indices in the pool, the most informative first.
 
     Poses are added greedily, then exchanged until no exchange improves the criterion, then sorted by greedy gain.
     columns: derivatives (poses, 3, unknowns) of the poses of the pool, scaled to the order of 1.
@@ -284,7 +284,7 @@ def in_units_of(deviation: float, question: Design) -> Design:
 
 
 def choose_for_all(questions: Sequence[Design], count: int) -> IntArray:
-    """Select `count` poses for several design problems; return the numbers of the poses in the pool.
+    """Select `count` poses for several design problems; return the indices of the poses in the pool.
 
     Each selected pose is the most informative pose for the problem with the worst criterion so far. A single problem is
     solved by `choose`.

@@ -90,7 +90,7 @@ def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, rea
 
 
 def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | None = None) -> IntArray:
-    """Return the numbers of `count` poses of a pool (poses, joints) far from one another and from the poses `taken`.
+    """Return the indices of `count` poses of a pool (poses, joints) far from one another and from the poses `taken`.
 
     If `taken` is empty, the first selected pose is the pose nearest to the mean of the pool.
     """

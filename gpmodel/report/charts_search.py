@@ -81,7 +81,7 @@ def _of_search(report: Report) -> Iterator[Picture]:
 
 
 def _shown(histogram: Histogram) -> IntArray:
-    """Return the numbers of the inputs that most evolved programs contain, in the order of the histogram."""
+    """Return the indices of the inputs that most evolved programs contain, in the order of the histogram."""
     use = np.maximum(numbers(histogram.referring), numbers(histogram.referring_by_chance))
     most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
     return np.sort(most[use[most] > 0]) if use.any() else most[:1]

@@ -139,7 +139,7 @@ def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
 
 
 def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
-    """Return a report with other joint names in its parameters and effects."""
+    """Return a copy of a report with the joints in the names of its parameters and effects renamed."""
     names = table_names(report.mechanism.joints, joints)
     return replace(
         report,

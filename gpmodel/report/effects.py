@@ -43,7 +43,7 @@ class Quantity:
 
 
 def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
-    """Return the numbers of a candidate's effects in the model."""
+    """Return the indices of a candidate's effects in the model."""
     at = {e.name: i for i, e in enumerate(calibration.model.effects)}
     return [at[e.name] for e in candidate.effects]
 

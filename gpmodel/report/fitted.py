@@ -37,12 +37,12 @@ def optional(value: float) -> float | None:
 
 
 def finite(values: Array) -> tuple[float | None, ...]:
-    """Return numbers for report.json with six digits; None if not finite."""
+    """Round numbers to six digits for report.json; a number that is not finite becomes None."""
     return tuple(float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist())
 
 
 def vectors(values: Array) -> Vectors:
-    """Return rows for report.json with six digits; None for numbers that are not finite."""
+    """Round rows of numbers to six digits for report.json; a number that is not finite becomes None."""
     return tuple(finite(row) for row in values)
 
 
@@ -76,7 +76,7 @@ def parameters(
 
 
 def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
-    """Return the numbers of tool point and registration of a fit as records, the tool first."""
+    """Return the fitted coordinates of tool point and registration as records, the tool first."""
     ordered = sorted(final.placement_numbers, key=lambda p: not p.name.startswith("tool"))
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
@@ -86,8 +86,8 @@ def tool_displacements(
 ) -> tuple[Array, list[Array]]:
     """Return the measured points, m, and their displacement by each group of effects, m and rad.
 
-    The last three numbers of a displacement are the rotation of the tool. All numbers are in the root frame, at poses
-    at which kinematic loops close with all effects and without each group.
+    The last three components of a displacement are the rotation of the tool. All vectors are in the root frame, at
+    poses at which kinematic loops close with all effects and without each group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]

@@ -47,7 +47,7 @@ def instrument(report: Report) -> str:
 
 
 def beside_specification(effect: EffectRecord) -> str:
-    """Compare a fitted error of the instrument with its specification; empty for any other effect."""
+    """Compare a fitted error of the instrument with its specification; empty for an effect without a specification."""
     times = effect.of_specification
     if times is None:
         return ""

@@ -130,7 +130,7 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
     """Merge groups of one kind, and groups that move the measured points equally, to one cause each.
 
-    Return the probability of each cause, and numbers of its groups, one of each kind. chance: probability by group.
+    Return the probability of each cause, and the indices of its groups, one of each kind. chance: probability by group.
     """
     fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
     for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):

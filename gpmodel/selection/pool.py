@@ -113,7 +113,7 @@ CHUNK = 400
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Groups with equally many effects. ids, index: numbers of groups and of their effects. inner, rhs: XᵀX, Xᵀy."""
+    """Groups with equally many effects. ids, index: indices of groups and of their effects. inner, rhs: XᵀX, Xᵀy."""
 
     ids: IntArray
     index: IntArray

@@ -92,7 +92,7 @@ MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-n
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
-"""Prefixes of comment lines in table files. No column name begins with such a prefix."""
+"""Prefixes of comment lines in table files. No column name begins with a prefix of a comment."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
 """Number of lines of a file in which the header is searched, and least number of units in the header: those of x, y,

@@ -191,7 +191,8 @@ def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path
 def _joint_columns(
     columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path, empty: list[str]
 ) -> dict[str, Joint]:
-    """Assign table columns to joints. Raises InputError for missing or surplus joints, or names in other capitals."""
+    """Assign table columns to joints. Raises InputError for missing or surplus joints, or names that differ from a
+    joint's name in capitals."""
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}

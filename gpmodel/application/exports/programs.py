@@ -34,7 +34,8 @@ NAME = 24
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
     """Write compensated targets as a robot program; j1 and p1 are row 1. Targets without values become comments.
 
-    Raises InputError for another mechanism's joints, more than six joints, or if no row has corrected values.
+    Raises InputError if the joints are not those of the mechanism, for more than six joints, or if no row has corrected
+    values.
     """
     q, status = _joints(mechanism, corrected), [str(s) for s in corrected.get("status", [""] * len(corrected))]
     there: Mask = np.asarray(np.isfinite(q).all(axis=1))

@@ -88,7 +88,8 @@ def beyond(text: str, link: str, measured: str) -> Array:
 
 
 def last_ur_link(text: str) -> str:
-    """Return the last link of the kinematics file of ur_description. Raises InputError for another arm."""
+    """Return the last link of the kinematics file of ur_description. Raises InputError without the six links of a UR
+    arm."""
     return _ur_chain(text)[-1].child
 
 

@@ -81,7 +81,7 @@ def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Arr
     """Fill the values (nodes, poses) of a program, and the derivatives (constants, nodes, poses) by its constants.
 
     nodes: op-code and two arguments (3, nodes), which are earlier nodes; the first argument of an input or a constant
-    is its number. Derivatives are computed only for constants on which a node depends.
+    is its index. Derivatives are computed only for constants on which a node depends.
     """
     own, size, poses = len(constants), nodes.shape[1], inputs.shape[1]
     reached = np.zeros((own, size), np.bool_)
