@@ -86,7 +86,7 @@ def compliance_with_hardening(mechanism: Mechanism, states: States) -> Iterator[
     """Yield the deflection of each joint as torque and cube of torque, both over the largest torque."""
     for j, load in _relative_loads(mechanism, states):
         effects = _hardening(j, ", linear", load), _hardening(j, ", cubic", f"({load})**3")
-        yield Candidate(f"hardening stiffness, {j.name}", effects, "hardening_stiffness", 5.0)
+        yield Candidate(f"hardening stiffness, {j.name}", effects, "hardening_stiffness", 5.0 + SECOND)
 
 
 def _relative_loads(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]:
@@ -139,8 +139,8 @@ N·m (Dumas 2011)."""
 
 
 SECOND = 5.0
-"""Additional penalty of wrong masses over that of a compliance, nats: the least gain of a finding, because wrong masses
-are a second finding."""
+"""Additional penalty of wrong masses, and of hardening, over that of a compliance, nats: the least gain of a finding,
+because each of them is a second finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

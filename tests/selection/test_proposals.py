@@ -57,7 +57,6 @@ def without_proposals() -> Selection:
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="the exchange ends 7 nats below: base compliance in the place of two springs")
 def test_a_formula_takes_the_place_of_its_curve_and_the_rest_stays() -> None:
     before, after = without_proposals(), selected(LAW)
     assert before.names == {CURVE, *SPRINGS}
