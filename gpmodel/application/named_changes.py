@@ -66,12 +66,14 @@ def changes(
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
     """Return the significant changes of a machine, and the residual without all of them.
 
-    A displaced frame may stand for a few smaller changes, such as a zero and a tool: the changes are selected with and
-    without displacements of frames, and the more probable result is returned.
+    A displaced frame includes smaller changes, such as a zero and a tool. If a displaced frame is selected, the changes
+    are selected again without frames, and the more probable of both results is returned.
     """
-    single = [change for change in tried if not change.of_a_frame]
-    results = [_selected(found, among, significance) for among in (tried, single)]
-    return max(results, key=lambda result: result[0])[1:]
+    result, frames = _selected(found, tried, significance), {change.name for change in tried if change.of_a_frame}
+    if frames.isdisjoint(change.name for change in result[1]):
+        return result[1:]
+    single = [change for change in tried if change.name not in frames]
+    return max(result, _selected(found, single, significance), key=lambda one: one[0])[1:]
 
 
 def _selected(

@@ -70,8 +70,8 @@ class PossibleChange:
 
     @property
     def of_a_frame(self) -> bool:
-        """True for a displacement of a whole frame, which includes smaller changes of the frame."""
-        return self.name.startswith(DISPLACED)
+        """True for a displacement of a whole frame, which includes the changes of its single constants."""
+        return self.kind == "geometry" and len(self.effects) > 1
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:

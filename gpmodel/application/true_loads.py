@@ -72,32 +72,33 @@ def _last_residual(found: Discovery, criteria: Criteria) -> Residual:
 
 
 def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, worth: float) -> OtherLoads | None:
-    """Return the loads that predict best beside the findings that do not follow loads, or None.
+    """Return the fitted loads with the best cross-validated predictions, or None if the declared loads predict better.
 
-    Loads are fitted to the residual of these findings and of the standard model. Then all compliances are estimated
-    beside the findings, without a penalty. The fitted loads must predict better than the declared loads do so, and
-    better than the model with all findings.
+    Loads are fitted to the residual of the standard model, and to the residual of the findings that are independent of
+    loads. For each set of loads, the compliances of all joints and of the base are estimated together with these
+    findings, without a penalty. The model of the fitted loads must predict better than the model of the declared loads,
+    and better than the model with all findings.
     left: residual of the model with all findings. worth: log likelihood of its predictions less its penalties, nats.
     """
     poses = found.poses.subset(found.train)
     loads = poses.states.loads | mechanism.unit_loads(poses.dataset.q).keys()
-    following = [f for f in found.findings if any(not loads.isdisjoint(e.inputs) for e in f.candidate.effects)]
-    others = [f for f in found.findings if f not in following]
-    rest = left.without([e for f in following for e in f.candidate.effects]) if following else left
-    residuals = [rest]
+    independent = [f for f in found.findings if all(loads.isdisjoint(e.inputs) for e in f.candidate.effects)]
+    kept = {e.name for f in independent for e in f.candidate.effects}
+    following = [e for f in found.findings for e in f.candidate.effects if e.name not in kept]
+    residuals = [left.without(following) if following else left]
     if found.findings:
         residuals.insert(0, residual_of(found.steps[1].calibration, poses, left.criteria, FOLD_SEED))
 
     def reached(changed: LoadedMechanism, constants: int) -> float:
         true = changed.loads(poses.dataset.q, poses.dataset.payload)
-        return _worth(rest, compliances(mechanism, true, len(poses)), others) - constants
+        return _worth(residuals[-1], compliances(mechanism, true, len(poses)), independent) - constants
 
-    suggested = [other for other in (other_loads(residual, mechanism) for residual in residuals) if other is not None]
-    if not suggested:
+    fitted = [other for other in (other_loads(residual, mechanism) for residual in residuals) if other is not None]
+    if not fitted:
         return None
-    worths = [reached(other.mechanism, other.constants) for other in suggested]
+    worths = [reached(other.mechanism, other.constants) for other in fitted]
     best = int(np.argmax(worths))
-    return suggested[best] if worths[best] > max(worth, reached(mechanism, 0)) else None
+    return fitted[best] if worths[best] > max(worth, reached(mechanism, 0)) else None
 
 
 def _worth(residual: Residual, effects: Sequence[Effect], findings: Sequence[Finding]) -> float:
