@@ -13,7 +13,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
-from gpmodel.families.candidate import without_phase
+from gpmodel.families.candidate import Candidate, without_phase
 from gpmodel.families.load import mass_at_tool, moments_at_tool
 from gpmodel.families.session import arm_growth
 from gpmodel.formula.expression import ONE, Expression
@@ -38,6 +38,8 @@ LEAST = 1e-3
 """Least part of a change that registration and tool do not absorb, for the change to be tested."""
 STANDING = "base"
 """Name of the frame (slot) between the machine and its foundation."""
+SLIP = "tool_slip"
+"""Family of slips of the tool between two rows."""
 PIXELS = lens.NAMES[:4]
 """Names of the lens parameters that are in pixels."""
 DISPLACED = "displacement of"
@@ -160,7 +162,7 @@ def _zeros(found: Recheck) -> Iterator[PossibleChange]:
 
 def _tools(found: Recheck) -> Iterator[PossibleChange]:
     names, columns = found.problem.placement_names, found.problem.columns
-    for label in () if found.session.tool else found.session.saved.placement.tool:
+    for label in (n for n in found.session.saved.placement.tool if n not in found.session.again):
         title = f"tool{f' {label}' if label else ''}"
         at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
         if at:
@@ -233,25 +235,32 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield possible changes: catalogue effects that the model lacks, of one number, or amplitude and phase."""
+    """Yield possible changes: catalogue effects that the model lacks, of one number, or amplitude and phase.
+
+    Slips of the tool during the session are also possible along all axes together.
+    """
     model, poses = found.session.saved.model, found.problem.poses
-    own = {effect.name for effect in model.effects}
+    own, clock = {effect.name for effect in model.effects}, clock_of(poses.dataset)
     offered = [
-        c for c in catalogue.candidates(model.mechanism, poses.states)
-        if c.kind in ("single", "harmonic") and not own & {e.name for e in c.effects}
+        (kind, c) for c in catalogue.candidates(model.mechanism, poses.states)
+        if (kind := _kind_of(c, {ROW, clock})) and not own & {e.name for e in c.effects}
     ]  # fmt: skip
     if not offered:
         return
-    raw, clock = found.problem.effect_rows([e for c in offered for e in c.effects], model), clock_of(poses.dataset)
-    ends = np.cumsum([len(c.effects) for c in offered])[:-1]
-    for candidate, columns in zip(offered, np.split(raw, ends, axis=1), strict=True):
-        aside = all(
-            e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= {ROW, clock}) for e in candidate.effects
-        )
-        kind: Kind = "set-up" if aside else "catalogue"
-        price = 0.0 if aside else candidate.cost
-        change = PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects, price=price)
-        yield change
+    raw = found.problem.effect_rows([e for _, c in offered for e in c.effects], model)
+    ends = np.cumsum([len(c.effects) for _, c in offered])[:-1]
+    for (kind, candidate), columns in zip(offered, np.split(raw, ends, axis=1), strict=True):
+        price = 0.0 if kind == SET_UP else candidate.cost
+        yield PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects, price=price)
+
+
+def _kind_of(candidate: Candidate, clocks: set[str | None]) -> Kind | None:
+    """Return the kind of change that a catalogue candidate is; None for a sum of several functions."""
+    if candidate.kind not in ("single", "harmonic") and candidate.family != SLIP:
+        return None
+    effects = candidate.effects
+    aside = all(e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= clocks) for e in effects)
+    return SET_UP if aside else "catalogue"
 
 
 def wander(found: Recheck) -> Array:

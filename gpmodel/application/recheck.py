@@ -27,6 +27,7 @@ from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import has_functions, uncertain_functions
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
@@ -44,14 +45,19 @@ class Session:
     """A fitted model with the registration of a later session.
 
     use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
-    tool: True if the tool is fitted again.
+    again: labels of the tools that are fitted again.
     """
 
     saved: SavedModel
     poses: Poses
     use: Mask
     fitted: Placement
-    tool: bool = False
+    again: frozenset[str] = frozenset()
+
+    @property
+    def tool(self) -> bool:
+        """True if every tool is fitted again."""
+        return self.again.issuperset(self.saved.placement.tool)
 
     @property
     def problem(self) -> Linearised:
@@ -72,10 +78,11 @@ class Session:
     def anew(self, problem: Linearised) -> Mask:
         """Return a mask of the columns that the later session fits.
 
-        A later session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
-        Effects and lenses keep the model's values.
+        A later session fits registration and stationary objects, the tools `again`, and with all tools also the objects
+        on links. Effects and lenses keep the model's values.
         """
-        held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
+        kept = [label for label in self.saved.placement.tool if label not in self.again]
+        held = {f"{f'tool {label}'.rstrip()} {axis}" for label in kept for axis in AXES}
         for kind, key in kept_by(self.saved, self.poses.dataset):
             held |= {f"{key} {own}" for own in kind.own[key]}
         free = [name not in held or (self.tool and not name.startswith("lens ")) for name in problem.placement_names]
@@ -98,11 +105,13 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
     ]
 
 
-def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
+def settled(
+    saved: SavedModel, dataset: Dataset, start: Placement | None = None, again: frozenset[str] | None = None
+) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
     saved: model without effects that do not apply. start: initial registration and tool point, if the tool is also
-    fitted; None to keep the model's tool point.
+    fitted; None to keep the model's tool point. again: labels of the tools to fit, None for all tools of `start`.
     Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
@@ -112,7 +121,8 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
     check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
     everything = np.ones(len(dataset), dtype=bool)
-    session = Session(placed, poses, everything, fitted, tool=start is not None)
+    every = frozenset() if start is None else frozenset(start.tool)
+    session = Session(placed, poses, everything, fitted, every if again is None else again)
     for _ in range(PASSES):
         problem = session.problem
         free, step = session.anew(problem), np.zeros(problem.placement)
@@ -178,7 +188,7 @@ class Recheck:
     z: whitened residual. basis: orthonormal basis of the projected-out span.
     pose_id: label of every pose, equal for repeats. pose: pose index of every row.
     freedom: degrees of freedom of the noise σ.
-    anew: names of the parameters that the session fits, and their covariance.
+    anew: names of the parameters that the session fits.
     """
 
     session: Session
@@ -190,7 +200,7 @@ class Recheck:
     pose_id: IntArray
     pose: IntArray
     freedom: float
-    anew: tuple[tuple[str, ...], Array]
+    anew: tuple[str, ...]
 
     @property
     def degrees(self) -> int:
@@ -287,9 +297,8 @@ def recheck(session: Session) -> Recheck:
     first = np.unique(blocks.block, return_index=True)[1]
     names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
     found = Recheck(
-        session, problem, blocks, spread, z, basis, pose_id, pose_id[problem.pose_of_row[first]], saved.freedom,
-        (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
-    )  # fmt: skip
+        session, problem, blocks, spread, z, basis, pose_id, pose_id[problem.pose_of_row[first]], saved.freedom, names
+    )
     count = different_poses(session.poses.dataset)
     if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:
         raise InputError(

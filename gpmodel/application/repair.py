@@ -109,10 +109,11 @@ class _Fit:
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
     """Refit a model to the poses of a check that identified a change.
 
-    The refitted model is None if no change is identified, or if no measurement is in an instrument's frame.
+    The refitted model is None if no change is identified, if the rows divide into two tools, or if no measurement is in
+    an instrument's frame.
     """
     data = found.session.poses.dataset
-    if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
+    if found.verdict != "drifted" or not found.changes or found.two_tools or without_frame(observations(data)):
         return None
     near = found.near
     before, ((_, changes), *others) = near.session.saved, list(_causes(found))

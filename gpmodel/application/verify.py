@@ -9,11 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from gpmodel.application.changed_model import with_changes
 from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel, counted
 from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
+from gpmodel.application.two_tools import TwoTools, two_tools
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
@@ -54,6 +56,8 @@ class Verified:
     outside: inputs beyond the model's ranges.
     instrument: True if the measurements contain the instrument errors of the model; None if the model has none.
     tried: all tested changes. suspect: the most probable change, if a change is more probable than none.
+    two_tools: True if the rows divide into two tools. explained: True if the residual without the changes is not
+    significant.
     """
 
     verdict: Verdict
@@ -67,6 +71,8 @@ class Verified:
     instrument: bool | None
     tried: tuple[PossibleChange, ...]
     suspect: PossibleChange | None
+    two_tools: bool = False
+    explained: bool = False
 
     @property
     def session(self) -> Session:
@@ -109,19 +115,20 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
-    near = _near(found, alone.placement)
-    tried = possible_changes(near)
-    moved = _moved_tools(saved, near) if near.session.tool else ()
-    named, left = changes(near, tried, significance)
+    judged = _Judged.of(_near(found, alone.placement), significance)
+    doubtful = judged.left.chance < significance or not found.session.use.all()
+    if doubtful and (two := two_tools(judged.near, FAR)) is not None:
+        divided = _Judged.of(two.found, significance, two)
+        judged = divided if divided.complete else judged
+    near, tried, named, left = judged.near, judged.tried, judged.named, judged.left
+    moved = _moved_tools(saved, judged)
     session = found.session
     verdict: Verdict = "holds"
     of_the_machine = tuple(c for c in named if c.kind != SET_UP)
     if moved or of_the_machine or left.chance < significance:
         residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
-        nothing_else = left.chance >= significance and len(named) < MOST
-        complete = nothing_else or left.chi_square / left.degrees < UNEXPLAINED * near.chi_square / near.degrees
-        verdict = "another machine" if useless and not complete else "drifted"
+        verdict = "another machine" if useless and not judged.complete else "drifted"
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
     return Verified(
@@ -136,7 +143,34 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         instrument=instrument,
         tried=tried,
         suspect=suspected(near, tried),
+        two_tools=judged.two is not None,
+        explained=left.chance >= significance,
     )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Changes of a machine. near: residuals of the session. left: residuals without the selected changes `named`."""
+
+    near: Recheck
+    tried: tuple[PossibleChange, ...]
+    named: tuple[NamedChange, ...]
+    left: Recheck
+    nothing_else: bool
+    two: TwoTools | None = None
+
+    @classmethod
+    def of(cls, near: Recheck, significance: float, two: TwoTools | None = None) -> "_Judged":
+        """Select the changes that explain the residuals `near`. two: division of the rows into two tools."""
+        tried = possible_changes(near)
+        named, left = changes(near, tried, significance)
+        return cls(near, tried, named, left, left.chance >= significance and len(named) < MOST, two)
+
+    @property
+    def complete(self) -> bool:
+        """True if the selected changes explain the residual."""
+        left, near = (one.chi_square / one.degrees for one in (self.left, self.near))
+        return self.nothing_else or left < UNEXPLAINED * near
 
 
 def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
@@ -179,22 +213,61 @@ def _near(found: Recheck, start: Placement) -> Recheck:
     return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else found
 
 
-def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
-    """Return the displacements, m, of tool points and of objects on links relative to their positions in the model."""
-    (names, covariance), now = found.anew, found.session.saved.placement
-    moved = {f"tool{f' {n}' if n else ''}": (saved.placement.tool[n], frame) for n, frame in now.tool.items()}
-    titles = {title: f"{title} point" for title in moved}
-    for kind, key in kept_by(saved, found.session.poses.dataset):
-        if kind.own[key] == AXES:
-            moved[key] = frame_of(saved.placement.anchors[key]), frame_of(now.anchors[key])
-            titles[key] = f"place of {key}"
-    out = []
-    for title, (before, after) in moved.items():
-        at = [names.index(f"{title} {axis}") for axis in AXES[:3]]
-        off, own = after[:3, :3].T @ (after[:3, 3] - before[:3, 3]), covariance[np.ix_(at, at)]
+@dataclass(frozen=True)
+class _Placed:
+    """Refitted registration and tools of a session, from a common fit with the selected changes.
+
+    names: of the parameters. step: from the placement of the session, m and rad. covariance: of the step.
+    """
+
+    names: tuple[str, ...]
+    step: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, judged: _Judged) -> "_Placed":
+        """Fit registration, refitted tools and the selected changes by weighted least squares."""
+        near, called = judged.near, {change.name for change in judged.named}
+        session, changed = with_changes(near.session, near.problem, [c for c in judged.tried if c.name in called])
+        problem = session.problem
+        columns = np.hstack([problem.columns[:, session.anew(problem)], problem.columns @ changed])
+        columns, residual = (near.spread.whiten(near.blocks.means(v)) for v in (columns, problem.residual))
+        inverse = np.linalg.pinv(columns, rcond=1e-12)
+        count = len(near.anew)
+        return cls(near.anew, (inverse @ residual)[:count], (inverse @ inverse.T)[:count, :count])
+
+    def displaced(self, name: str, key: str, before: Array, after: Array, origin: str = "") -> NamedChange:
+        """Return the displacement, m, of the frame `key`. origin: refitted frame from which the displacement counts."""
+        unit = np.eye(len(self.names))
+        rows = unit[[self.names.index(f"{key} {axis}") for axis in AXES[:3]]]
+        if f"{origin} {AXES[0]}" in self.names:
+            rows = rows - unit[[self.names.index(f"{origin} {axis}") for axis in AXES[:3]]]
+        off = after[:3, :3].T @ (after[:3, 3] - before[:3, 3]) + rows @ self.step
         size = float(np.linalg.norm(off))
-        if size > FAR and own.any():
-            out.append(NamedChange(titles[title], "tool", size, float(np.sqrt(off @ own @ off) / size), "m", 0.0, ()))
+        stderr = float(np.sqrt(off @ rows @ self.covariance @ rows.T @ off)) / max(size, np.finfo(float).tiny)
+        return NamedChange(name, "tool", size, stderr, "m", 0.0, ())
+
+
+def _moved_tools(saved: SavedModel, judged: _Judged) -> tuple[NamedChange, ...]:
+    """Return the displacements, m, of refitted tool points and of objects on links from their positions in the model,
+    and of a second tool from the first."""
+    session, two = judged.near.session, judged.two
+    if not session.again:
+        return ()
+    now, placed = session.saved.placement, _Placed.of(judged)
+    keys = {name: f"tool {name}".rstrip() for name in now.tool}
+    moved = [
+        placed.displaced(f"{keys[name]} point", keys[name], saved.placement.tool[name], now.tool[name])
+        for name in now.tool if name in session.again and name in saved.placement.tool
+    ]  # fmt: skip
+    for kind, key in kept_by(saved, session.poses.dataset) if session.tool else ():
+        if kind.own[key] == AXES:
+            before, after = (frame_of(placement.anchors[key]) for placement in (saved.placement, now))
+            moved.append(placed.displaced(f"place of {key}", key, before, after))
+    out = [change for change in moved if change.value > FAR and change.stderr]
+    if two is not None:
+        first, second = two.names
+        out.append(placed.displaced(two.title, keys[second], now.tool[first], now.tool[second], keys[first]))
     return tuple(out)
 
 

@@ -91,6 +91,7 @@ class Verification:
     rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
     tolerance.
     fitted: number of rows that were excluded because the model was fitted to them.
+    explained: True if the residual without the changes is not significant.
     """
 
     command: str
@@ -121,6 +122,7 @@ class Verification:
     others: Others | None = None
     fitted: tuple[int, ...] = ()
     chance_of_less: Share = 1.0
+    explained: bool = False
     schema: int = SCHEMA
     kind: str = KIND
     versions: dict[str, str] = field(default_factory=dict)
@@ -184,6 +186,7 @@ def verification(found: Verified, asked: VerifyRequest, missed: Array | None = N
     return Verification(
         command=asked.command,
         verdict=found.verdict,
+        explained=found.explained,
         data=DataRecord(data.source, data.sha256, count, different_poses(data),
                         outliers=tuple(data.row[~session.use].tolist())),
         mechanism=mechanism_record(session.saved.mechanism, names),

@@ -27,6 +27,8 @@ MOST_ROWS, MOST_PRINTED = 400, 8
 """Number of verified rows listed on page and terminal, the largest error first; verify.csv has all rows."""
 MOST_RIVALS = 4
 """Number of alternative explanations of a change in a sentence; verify.json lists all."""
+SLIPPED, DIFFERS = "tool slipped", "differs"
+"""First words of the name of a slip of the tool, and last word of that of a second tool."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked: by chance in one of fifty tables of twenty rows."""
 NOMINAL = "nominal, as driven"
@@ -55,7 +57,10 @@ def sentences(record: Verification) -> Iterator[str]:
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
-    answer = {"holds": "The model holds", "drifted": "The machine has drifted"}.get(
+    lasting = [found for found in record.changes if found.kind != SET_UP]
+    only_tool = record.explained and lasting and all(f.kind == "tool" or f.name.startswith(SLIPPED) for f in lasting)
+    drifted = "The tool or its load has changed, not the machine" if only_tool else "The machine has drifted"
+    answer = {"holds": "The model holds", "drifted": drifted}.get(
         record.verdict, "This is another machine, or many parts of the machine have changed"
     )
     yield " ".join([*_rows_apart(record), f"{answer}: {after} RMS on {record.data.counted} measured afterwards."])
@@ -63,6 +68,9 @@ def sentences(record: Verification) -> Iterator[str]:
     for found in record.changes:
         what = "Set-up or instrument changed, not the machine" if found.kind == SET_UP else "Changed"
         yield f"{what}: {change(found)}."
+    if lasting and record.explained:
+        explains = "This change explains" if len(lasting) == 1 else "These changes explain"
+        yield f"{explains} the error; nothing else has changed."
     if record.verdict == "drifted" and not record.changes:
         yield "No single change explains it."
     if record.verdict == "another machine" and (record.without.rms_mm or 0.0) > LOST:
@@ -112,7 +120,8 @@ def change(found: NamedChange) -> str:
         more, by, off = ("more" if found.value > 0 else "less"), 100 * abs(found.value), 100 * found.stderr
         digits = max(0, -math.floor(math.log10(off))) if off > 0 else 1
         return f"{found.name}: {by:.{digits}f} % ± {off:.{digits}f} % {more} than before{instead}"
-    moved = " changed" if found.unit == "kg" else " moved" if found.kind in ("zero", "tool") else ""
+    moves = found.kind in ("zero", "tool") and not found.name.endswith(DIFFERS)
+    moved = " changed" if found.unit == "kg" else " moved" if moves else ""
     return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}{instead}"
 
 
