@@ -105,14 +105,15 @@ def rig(number: int) -> Row:
 
 
 def _findings(found: Discovery, true: str = "") -> Row:
-    """Names of the findings; whether they have other causes; how many effects else may be there; sizes of the credible
-    sets, and whether one of them has the true effect."""
+    """Names of the findings; whether they have other causes; how many effects else may be there; sizes and stated
+    probabilities of the credible sets, and whether one of them has the true effect."""
     sets = [one.hypothesis.causes for one in found.findings if one.hypothesis.causes is not None]
     return {
         "found": [c.name for c in found.fitted.candidates], "confirmed": found.confirmed,
         "several": any(len(one.causes) > 1 or one.none > 0 for one in sets),
         "others": len(found.final.covariance.alternatives), "inside": any(true in one.names for one in sets),
         "sizes": [len(one.causes) for one in sets],
+        "stated": [round(sum(cause.probability for cause in one.causes), 4) for one in sets],
     }  # fmt: skip
 
 

@@ -147,8 +147,8 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
     p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant or a finding can
-    absorb them. If one part of an arm yields to gravity, every part does: each compliance c besides a found compliance
-    c₁ is a separate undetected effect without penalty, with the prior c ~ N(0, c₁²).
+    absorb them. If one part of an arm yields to gravity, every part does: the compliances c besides found compliances
+    c₁ are undetected effects of probability 1, with the prior c ~ N(0, mean c₁²).
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]
@@ -158,14 +158,30 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
     residual = residual_of(fit, found.poses, Criteria(), FOLD_SEED)
     places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings]
-    names = {effect.name for own in findings if own.family in YIELDING for effect in own.effects}
-    found_soft = {e.unit: abs(float(v)) for e, v in zip(fit.model.effects, fit.theta, strict=True) if e.name in names}
-    soft = [c for c in pool if c.family in YIELDING and all(e.unit in found_soft for e in c.effects)]
-    places.append(causes_of(residual, None, [c for c in pool if c not in soft]))
-    for one in soft:
-        effects = tuple(replace(effect, prior=found_soft[effect.unit]) for effect in one.effects)
-        places.append(causes_of(residual, None, [replace(one, effects=effects, cost=0.0)]))
+    soft = _compliances(residual, findings, pool)
+    places.append(causes_of(residual, None, [c for c in pool if c.name not in {one.name for one in soft}]))
+    if soft:
+        system, effects = _system_of_fit(residual), [effect for one in soft for effect in one.effects]
+        nothing, every = (_cause(residual, system, of, p) for of, p in (((), 0.0), (effects, 1.0)))
+        names = (*residual.problem.placement_names, *residual.names)
+        places.append(CauseSet((), names, nothing, (every,)))
     return with_cause_variance(fit, found.poses, places)
+
+
+def _compliances(residual: Residual, findings: Sequence[Candidate], pool: Sequence[Candidate]) -> list[Candidate]:
+    """Return the single compliances that no finding has and the poses show, with the size of found ones as prior."""
+    found = {effect for own in findings if own.family in YIELDING for effect in own.effects}
+    sizes: dict[str, list[float]] = {}
+    for effect, value in zip(residual.calibration.model.effects, residual.calibration.theta, strict=True):
+        if effect in found:
+            sizes.setdefault(effect.unit, []).append(float(value))
+    prior = {unit: float(np.sqrt(np.mean(np.square(values)))) for unit, values in sizes.items()}
+    single = [c for c in pool if c.family in YIELDING and all(effect.unit in prior for effect in c.effects)]
+    return [
+        replace(c, effects=tuple(replace(effect, prior=prior[effect.unit]) for effect in c.effects))
+        for c, score in zip(single, scores(residual, single), strict=True)
+        if np.isfinite(score.nats)
+    ]
 
 
 def causes_of(

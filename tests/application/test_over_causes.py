@@ -15,10 +15,10 @@ FOUND, ABSORBED = "joint compliance, shoulder_lift_joint", "base compliance"
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize(("base", "unaware"), [(1e-6, 7.0), (6e-6, 30.0), (9e-6, 30.0)])
+@pytest.mark.parametrize(("base", "unaware"), [(1e-6, 7.0), (2e-6, 15.0), (6e-6, 30.0), (9e-6, 30.0)])
 def test_a_finding_allows_for_an_effect_that_it_absorbs(seed: int, base: float, unaware: float) -> None:
     """The moments of base and shoulder are alike, so that the shoulder seems as soft as both together. A base with a
-    tenth of the shoulder's compliance leaves no evidence of its own."""
+    tenth or a fifth of the shoulder's compliance leaves no evidence of its own."""
     arm, data = mechanism("ur5"), bare("ur5", 90, seed, payload=False)
     pool = {c.name: c for c in catalogue.candidates(arm, prepare(arm, data).states)}
     sizes = (1e-5, base)
@@ -33,4 +33,4 @@ def test_a_finding_allows_for_an_effect_that_it_absorbs(seed: int, base: float, 
         return float(abs(fit.theta[k] - sizes[0]) / fit.stderr[k])
 
     assert off(found.final) > unaware
-    assert off(over_causes(found).final) < 3.0
+    assert off(over_causes(found).final) < 2.0
