@@ -36,13 +36,13 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
 
     Columns: family, explanation, source, number of candidates, inputs and name of the first candidate, and whether any
     candidate needs a payload. Candidates are created for random poses within the joint limits, with an instrument, a
-    varying payload, temperature, time and direction of approach, and ordered rows.
+    varying payload, temperature, time, direction of approach of the first joint, and ordered rows.
     """
     rng = np.random.default_rng(0)
     time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
     warming: Array = 20.0 + time / 600.0
     q = random_poses(mechanism, POSES, rng)
-    approach = [f"approach_{joint.name}" for joint in mechanism.joints]
+    approach = [f"approach_{joint.name}" for joint in mechanism.joints[:1]]
     dataset = replace(
         unmeasured([joint.name for joint in mechanism.joints], q, rng.uniform(0.0, 10.0, POSES)),
         extras={"temperature": warming, "time": time, **{name: rng.choice([-1.0, 1.0], POSES) for name in approach}},

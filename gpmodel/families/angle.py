@@ -19,6 +19,7 @@ from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism, balls_of
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
+from gpmodel.model.memory import APPROACH, declared_approach
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
@@ -202,10 +203,11 @@ def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidat
 
     The joint named in the column has the lower penalty.
     """
+    declared = declared_approach([j.name for j in mechanism.joints], states.columns)
     for column in states.columns:
-        if column.startswith("approach"):
-            for i, j in enumerate(mechanism.joints, 1):
-                own = column in (f"approach_{j.name}", f"approach_J{i}")
+        if column.startswith(APPROACH):
+            for j in mechanism.joints:
+                own = column == declared.get(j.name) != APPROACH
                 effect = drive_effect(
                     f"backlash by approach, {j.name} ({column})", j, Expression(column), family="backlash_approach"
                 )

@@ -18,7 +18,7 @@ from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import links
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
-from gpmodel.model.memory import read_by, temperatures
+from gpmodel.model.memory import constant_of, declared_approach, read_by, temperatures
 from gpmodel.model.states import States
 
 EXPANSION = 2e-5
@@ -248,6 +248,13 @@ def _moving(mechanism: Mechanism, states: States) -> list[Joint]:
     return [j for j in mechanism.joints if states.past and f"last_move_{j.name}" in states.columns]
 
 
+def _on_known_path(mechanism: Mechanism, states: States) -> list[Joint]:
+    """Return the joints whose path is known, which have a stop operator among the columns."""
+    operators = [operator for name in states.columns if (operator := constant_of(name))]
+    stopped = {source for what, source, _ in operators if what == "stop"}
+    return [j for j in mechanism.joints if states.past and j.name in stopped]
+
+
 def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the play of each drive by the direction of its last move, ±1."""
     for j in _moving(mechanism, states):
@@ -257,26 +264,28 @@ def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the torsion of a joint held by friction: the direction ±1 of the last move, alone and multiplied by the
-    size of the torque."""
-    for j in _moving(mechanism, states):
+    """Yield the torsion of a joint held by friction: the direction of approach ±1, alone and multiplied by the size of
+    the torque.
+
+    The direction is the declared direction of approach, or else that of the last move.
+    """
+    side = {j.name: f"last_move_{j.name}" for j in _moving(mechanism, states)}
+    side |= declared_approach([j.name for j in mechanism.joints], states.columns)
+    for j in mechanism.joints:
         torque = f"torque_{j.name}"
-        if loaded(states, torque):
-            name = f"friction windup, {j.name}"
+        if j.name in side and loaded(states, torque):
+            name, way = f"friction windup, {j.name}", side[j.name]
             load = f"abs({torque})/{float(np.max(np.abs(states[torque]))):.4g}"
             effects = tuple(
                 drive_effect(f"{name}, {part}", j, Expression(basis), family="friction_windup", prior=_play(j))
-                for part, basis in (
-                    ("constant", f"last_move_{j.name}"),
-                    ("with the load", f"last_move_{j.name}*{load}"),
-                )
+                for part, basis in (("constant", way), ("with the load", f"{way}*{load}"))
             )
             yield Candidate(name, effects, "friction_windup", 4.5)
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield hysteresis of each joint's angle or torque as stop operators: several widths together, each alone."""
-    for j in _moving(mechanism, states):
+    for j in _on_known_path(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0
             if span > 0:

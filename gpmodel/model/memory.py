@@ -8,6 +8,9 @@ operator (`p`: decimal point):
     stop_torque_J2_40       stop operator, x - play: within ±r
     lag_temperature_2400    first order lag, tau dy/dt = x - y, y_0 = x_0, over `time` or the rows
 
+If the table declares the direction of approach of a joint (`approach_J2`), that direction replaces `last_move_J2`. The
+rows are the path of the joint only if the declared direction agrees with the moves between rows.
+
 Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishlinskii's hysteresis); ISO 230-2, 3.3
 (direction of approach).
 """
@@ -29,6 +32,8 @@ OFTEN = 0.05
 random poses in a joint range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
+APPROACH = "approach"
+"""Column of directions of approach, ±1, of all joints; with the name of a joint appended, of that joint."""
 FEWEST_ROWS = 10
 """Least number of rows with rising times for the rows to count as ordered. Random times rise in 1 of 10! tables."""
 
@@ -163,15 +168,36 @@ def clock_of(dataset: Dataset) -> str | None:
     return "row" if dataset.in_order else None
 
 
+def declared_approach(joints: Sequence[str], columns: Iterable[str]) -> dict[str, str]:
+    """Return the column of the table that declares the direction of approach, for each joint that has one.
+
+    The column is named after the joint or its number in the chain; the column `approach` declares all other joints.
+    """
+    there = set(columns)
+    numbered = [f"J{i}" if f"J{i}" not in joints else joint for i, joint in enumerate(joints, 1)]
+    named = {j: (f"{APPROACH}_{j}", f"{APPROACH}_{n}", APPROACH) for j, n in zip(joints, numbered, strict=True)}
+    return {j: next(name for name in names if name in there) for j, names in named.items() if there & set(names)}
+
+
+def _agrees(past: Past, joint: str, approach: str) -> bool:
+    """Return whether declared directions of approach have the sign, or always the opposite sign, of the last moves."""
+    moves = past.column(f"last_move_{joint}")
+    both = np.sign(past.columns[approach]) * moves
+    return bool(np.all(both >= 0) or np.all(both <= 0))
+
+
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
     """Return the columns with memory (of earlier poses) that every search for effects uses.
 
-    The columns with memory are the last move of each moving joint, the stop operator of each moving joint over a tenth
-    of its range, and temperatures with a lag of a thirtieth, a tenth and a third of the session.
+    The columns with memory are the last move of each moving joint without a declared direction of approach, the stop
+    operator over a tenth of the range of each moving joint whose path is known, and temperatures with a lag of a
+    thirtieth, a tenth and a third of the session.
     """
     moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
-    names = [f"last_move_{j}" for j in moving]
-    names += [f"stop_{j}_{word(0.1 * span)}" for j, span in moving.items()]
+    declared = declared_approach(joints, past.columns)
+    names = [f"last_move_{j}" for j in moving if j not in declared]
+    known = {j: span for j, span in moving.items() if j not in declared or _agrees(past, j, declared[j])}
+    names += [f"stop_{j}_{word(0.1 * span)}" for j, span in known.items()]
     session = float(np.ptp(past.columns[past.clock]))
     warm = [c for c in temperatures(past.units) if np.ptp(past.columns[c]) > 0]
     return names + [f"lag_{c}_{word(session / share)}" for c in warm for share in (30, 10, 3)]

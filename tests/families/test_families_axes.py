@@ -275,3 +275,42 @@ def test_without_an_order_of_the_rows_nothing_remembers() -> None:
     said = {c.family for c in pool_memory(replace(data, in_order=True))}
     assert said & FAMILIES == {"play_last_move", "friction_windup", "hysteresis", "settling"}
     assert not [c for f in (memory.play_last_move,) for c in f(ARM, prepare(ARM, data).states)]
+
+
+@pytest.mark.parametrize(
+    ("columns", "in_order", "side"),
+    [
+        ((), False, {}),
+        ((), True, dict.fromkeys(("J2", "J3"), "last_move_{}")),
+        (("approach_J2",), False, {"J2": "approach_J2"}),
+        (("approach_J2",), True, {"J2": "approach_J2", "J3": "last_move_J3"}),
+        (("approach", "approach_J3"), True, {"J2": "approach", "J3": "approach_J3"}),
+    ],
+)
+def test_a_declared_direction_of_approach_replaces_the_last_move(
+    columns: tuple[str, ...], in_order: bool, side: dict[str, str]
+) -> None:
+    data, rng = bare("irb6400r", 120, 3, payload=False), np.random.default_rng(6)
+    declared = {name: rng.choice([-1.0, 1.0], 120) for name in columns}
+    data = replace(data, extras=declared, extra_units=dict.fromkeys(columns, "1"), in_order=in_order)
+    offered = {c.name: c for c in pool_memory(data)}
+    for joint in ("J2", "J3"):
+        way = side.get(joint, "").format(joint)
+        windup = offered.get(f"friction windup, {joint}")
+        assert (windup is not None) == bool(way)
+        if windup is not None:
+            assert windup.effects[0].inputs == (way,)
+            assert set(windup.effects[1].inputs) == {way, f"torque_{joint}"}
+        read = {name for c in offered.values() for name in c.inputs}
+        assert (f"last_move_{joint}" in read) == way.startswith("last_move")
+        assert (f"hysteresis over its angle, {joint}" in offered) == way.startswith("last_move")
+
+
+@pytest.mark.parametrize("opposite", [1.0, -1.0])
+def test_a_declared_direction_that_the_rows_confirm_leaves_the_hysteresis(opposite: float) -> None:
+    data = replace(bare("irb6400r", 120, 3, payload=False), in_order=True)
+    moves = prepare(ARM, data).states["last_move_J2"]
+    data = replace(data, extras={"approach_J2": opposite * moves}, extra_units={"approach_J2": "1"})
+    offered = {c.name for c in pool_memory(data)}
+    assert "hysteresis over its angle, J2" in offered
+    assert "play by the last move, J2" not in offered
