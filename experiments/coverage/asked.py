@@ -16,11 +16,10 @@ from experiments.coverage.truth import Exact, Hall, exact, hall, least, machine_
 from gpmodel.api.calibrate import CalibrationResult, calibrate
 from gpmodel.api.table import read_table
 from gpmodel.application.compensate import GIVEN, corrected, joint_targets
-from gpmodel.application.kinematics import tips
 from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import without_instrument
 from gpmodel.application.verify import verified
-from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics.interval import coverage_factor
 from gpmodel.report.compare import compare
 
@@ -42,7 +41,7 @@ def asked(number: int) -> Row:
     wide = poses_at(fit.model.mechanism, first.calibrated.poses.dataset, here.new)
     true = exact(fit, wide)
     row = {"machine": number, "stratum": stratum, "arm": case.arm, "effect": name, "status": fit.status,
-           "z": deviations(first, here, true), **predictions(first, here), **compensation(first, here, true),
+           "z": deviations(first, here, true), **predictions(first, here), **compensation(first, here),
            **certified(first, here), **standardised(first, here), **compared(first, second),
            **same_table(first, here, effects), **rechecked(first, tables[1], here), **width(first, here)}  # fmt: skip
     return row | {
@@ -85,9 +84,9 @@ def predictions(result: CalibrationResult, here: Hall) -> Row:
     return {"predicted": _within(off, factor_of(result) * sigma)}
 
 
-def compensation(result: CalibrationResult, here: Hall, true: Exact) -> Row:
-    """Judge the points reached by compensated joint values, in the frame of the root."""
-    fit, poses = result.calibrated.final, poses_of(result, here)
+def compensation(result: CalibrationResult, here: Hall) -> Row:
+    """Judge the points reached by compensated joint values, in the fitted registration."""
+    poses = poses_of(result, here)
     saved = without_instrument(result.model.saved)
     targets = joint_targets(saved, poses.subset(np.arange(TARGETS)).dataset)
     q, status = corrected(saved, targets)
@@ -95,12 +94,10 @@ def compensation(result: CalibrationResult, here: Hall, true: Exact) -> Row:
     if not given.any():
         return {"compensated": None}
     reached = replace(targets.dataset.subset(np.flatnonzero(given)), q=q[given])
-    at, observed = tips(saved, reached, nominal=False)
-    nominal = targets.frames[given] @ np.linalg.inv(fit.placement.tool[""]) @ true.placement.tool[""]
-    register = true.placement.registration[""]
-    wanted = nominal[:, :3, 3] @ register[:3, :3].T + register[:3, 3]
-    off = (true_points(here, q[given]) - wanted) @ register[:3, :3]
-    sigma = coordinate_deviations(saved, at, observed, placed=False)
+    at = prepare(saved.mechanism, reached)
+    wanted = (saved.placement.roots(reached) @ targets.frames[given])[:, :3, 3]
+    off = true_points(here, q[given]) - wanted
+    sigma = coordinate_deviations(saved, at, observe(saved.model, at, saved.theta, saved.placement))
     return {"compensated": _within(off, factor_of(result) * sigma)}
 
 

@@ -25,7 +25,7 @@ from gpmodel.arrays import ROUNDING, Array, IntArray, Mask
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import closing, prepare
+from gpmodel.model.error_model import closing, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.table.blocks import poses_of_tips
 from gpmodel.table.cells import with_results
@@ -72,7 +72,7 @@ class Compensation:
     status: text that states whether and how the target is reached.
     residual: remaining position error, m; turn: remaining orientation error, rad, NaN for position targets.
     correction: position error without compensation, m.
-    sigma: standard deviation of the reached point in the root frame, m.
+    sigma: standard deviation of the reached point from the target in the fitted registration, m, as of a prediction.
     outside: inputs beyond the ranges of the model.
     For targets that the nominal mechanism cannot reach, the fields from residual on are NaN or empty.
     """
@@ -144,7 +144,8 @@ def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
 def of_frame(saved: SavedModel) -> SavedModel:
     """Return the model with the origin of the measured frame in the place of the tool point."""
     at_frame = dict.fromkeys(saved.placement.tool, np.eye(4))
-    return replace(saved, placement=replace(saved.placement, tool=at_frame))
+    covariance = saved.covariance.with_certain([n for n in saved.covariance.placement if n.startswith("tool")])
+    return replace(saved, placement=replace(saved.placement, tool=at_frame), covariance=covariance)
 
 
 def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
@@ -219,7 +220,7 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
         residual=known * np.linalg.norm(targets.frames[:, :3, 3] - observed.tip[:, :3, 3], axis=1),
         turn=known * np.linalg.norm(turns, axis=1) if targets.whole else np.full(len(q), np.nan),
         correction=known * np.linalg.norm(targets.frames[:, :3, 3] - without[:, :3, 3], axis=1),
-        sigma=known * point_deviation(saved, poses, observed, placed=False),
+        sigma=known * point_deviation(saved, poses, observe(saved.model, poses, saved.theta, saved.placement)),
         outside=beyond,
     )
 

@@ -23,22 +23,21 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column, split_header
 
 
-def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
+def point_deviation(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
     """Return the standard deviation of each predicted point, m, without noise of the instrument; NaN if not fitted.
 
     The standard deviation is √(trace(J Σ Jᵀ) + 3 d²), with derivatives J of the point, covariance Σ of the parameters
-    over alternative explanations of the findings, and model discrepancy d. placed: True to include the uncertainty of
-    registration and tool."""
-    return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
+    over alternative explanations of the findings, and model discrepancy d.
+    """
+    return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed), axis=1))
 
 
-def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
+def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
     """Return the standard deviation of each predicted coordinate in the axes of the instrument, m."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
-    first = 0 if placed else len(saved.covariance.placement)
-    columns = point_columns(saved, poses, observed, saved.covariance.alternatives)[:, :, first:]
-    variance: Array = np.sum((columns @ saved.covariance.predictive[first:, first:]) * columns, axis=2)
+    columns = point_columns(saved, poses, observed, saved.covariance.alternatives)
+    variance: Array = np.sum((columns @ saved.covariance.predictive) * columns, axis=2)
     return np.sqrt(np.maximum(variance, 0.0) + saved.discrepancy**2)
 
 

@@ -66,6 +66,15 @@ class Covariance:
         moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
         return replace(self, values=self.values[np.ix_(rows, rows)], over_causes=moments)
 
+    def with_certain(self, names: Sequence[str]) -> "Covariance":
+        """Return the covariance with zero variance of some unknowns of registration and tool."""
+
+        def left(matrix: Array) -> Array:
+            kept = np.isin(np.arange(len(matrix)), [self.placement.index(name) for name in names], invert=True)
+            return matrix * np.outer(kept, kept)
+
+        return replace(self, values=left(self.values), over_causes=left(self.over_causes))
+
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
