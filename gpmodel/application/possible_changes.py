@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -13,9 +14,10 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
+from gpmodel.families.angle import prismatic
 from gpmodel.families.candidate import Candidate, without_phase
 from gpmodel.families.load import mass_at_tool, moments_at_tool
-from gpmodel.families.session import arm_growth
+from gpmodel.families.session import MOST_STEPS, arm_growth
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
 from gpmodel.mechanism.source import choice_of
@@ -44,6 +46,9 @@ PIXELS = lens.NAMES[:4]
 """Names of the lens parameters that are in pixels."""
 DISPLACED = "displacement of"
 """First words of the name of a displacement of a frame: all its geometric constants change together."""
+EITHER_SIDE = 3
+"""Least number of positions of a prismatic joint before and after a step of its guideway: three points determine a
+displacement."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
 """Largest number of half waves over the rows of a drifting set-up, and least number of poses per half wave."""
 
@@ -136,7 +141,8 @@ def zero_of(joint: str) -> str:
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
     """Return all changes that the later poses could reveal, each with its share of the significance level."""
     raw = [
-        *_growth(found), *_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found)
+        *_growth(found), *_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found),
+        *_steps_of_guideways(found),
     ]  # fmt: skip
     all_of = list(_seen(found, raw))
     sums = Counter[Kind]()
@@ -261,6 +267,26 @@ def _kind_of(candidate: Candidate, clocks: set[str | None]) -> Kind | None:
     effects = candidate.effects
     aside = all(e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= clocks) for e in effects)
     return SET_UP if aside else "catalogue"
+
+
+def _steps_of_guideways(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield sudden steps of the guideways of prismatic joints, between two neighbouring positions of the poses, along
+    each axis alone and along all axes, as where two parts of a rail meet."""
+    model, states = found.session.saved.model, found.problem.poses.states
+    for joint in prismatic(model.mechanism):
+        positions = np.unique(np.round(1e3 * states[joint.name], 1))
+        gaps = list(pairwise(positions))[EITHER_SIDE - 1 : 1 - EITHER_SIDE]
+        gaps = gaps[:: max(1, len(gaps) // MOST_STEPS)]
+        for low, high in gaps:
+            name = f"step of the guideway between {low:.6g} and {high:.6g} mm, {joint.name}"
+            basis = Expression(f"step({joint.name} - {5e-4 * (low + high):.9g})")
+            effects = tuple(effect_at(f"{name}, {axis}", joint.drive[0][0], axis, basis) for axis in AXES)
+            raw = found.problem.effect_rows(effects, model)
+            price = catalogue.PLAIN_COST + float(np.log(len(gaps)))
+            yield PossibleChange(name, "catalogue", "m", raw, effects=effects, price=price)
+            for k, effect in enumerate(effects):
+                each = price + float(np.log(len(AXES)))
+                yield PossibleChange(effect.name, "catalogue", effect.unit, raw[:, [k]], effects=(effect,), price=each)
 
 
 def wander(found: Recheck) -> Array:
