@@ -9,7 +9,6 @@ import gpmodel as gp
 from gpmodel.api.simulate import SimulationResult
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.weigh import with_weights
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics import se3
@@ -33,7 +32,7 @@ def simulated(instrument: str, poses: int = 60, noise: float | None = None, effe
 def ready(made: SimulationResult) -> Poses:
     """Its poses, pixels and degrees weighed."""
     mechanism = made.truth.mechanism
-    return with_weights(mechanism, prepare(mechanism, made.table))
+    return prepare(mechanism, made.table)
 
 
 def tool_error(made: SimulationResult, fit: Calibration) -> Array:

@@ -169,7 +169,7 @@ def robust_stderr(fit: Calibration, poses: Poses) -> np.ndarray:
     """
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
-    problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
+    problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.weights, use)
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     scale = np.linalg.norm(problem.columns[:, free], axis=0)
     columns = problem.columns[:, free] / scale

@@ -166,7 +166,7 @@ def poses_at(mechanism: Mechanism, like: Dataset, sheet: Sheet) -> Poses:
 def exact(fit: Calibration, poses: Poses) -> Exact:
     """Where the same unknowns end on poses that are measured without error."""
     use, alone = np.ones(len(poses), dtype=bool), np.arange(len(poses))
-    fitting = Fitting(replace(fit.model, noise=None), poses, use, fit.rotation_weight, alone)
+    fitting = Fitting(replace(fit.model, noise=None), poses, use, fit.weights, alone)
     found = iterate(fitting, fit.theta, fit.placement, fit.free)
     placed = uncertainty(fitting, found, fit.free).placement_numbers
     return Exact(found.theta, found.placement, {p.name: p.value for p in placed})

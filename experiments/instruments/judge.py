@@ -18,7 +18,6 @@ from experiments.instruments.robots import CALLED, GEOMETRY, Robot, description,
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.weigh import with_weights
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
@@ -222,7 +221,7 @@ def _discovered(loaded: Mechanism, data: gp.Dataset) -> DiscoveryResult:
 
 def converges(loaded: Mechanism, data: gp.Dataset, rng: np.random.Generator) -> bool:
     """Return whether a fit that starts 30 cm and 20 degrees off converges to the solution of the closed-form start."""
-    poses = with_weights(loaded, prepare(loaded, data))
+    poses = prepare(loaded, data)
     model = ErrorModel(loaded, geometric_effects(loaded))
     right = calibrate(model, poses, condition_limit=100.0)
     away, axis = rng.normal(size=(2, 3))

@@ -18,7 +18,6 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.calibration.weigh import with_weights
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.branches import branched, random_poses
@@ -91,7 +90,7 @@ def robot(case: Case, seed: int) -> dict[str, dict[str, float]]:
     """Errors of one robot, mm, before and after, by what is calibrated."""
     arm, scene = case.mechanism, {"poses": case.poses, "instrument": case.instrument, "noise": case.noise}
     made = gp.simulate(arm, case.effects, geometry_sigma="0.3 mm", seed=seed, **scene)
-    poses = with_weights(arm, prepare(arm, made.table))
+    poses = prepare(arm, made.table)
     models = ((), *(standard_effects(arm, patterns) for patterns in MODELS.values()))
     fits = [apart_from_effects(calibrate(ErrorModel(arm, effects), poses), poses) for effects in models]
     before, *after = judged(made, fits)

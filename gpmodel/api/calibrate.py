@@ -30,8 +30,8 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step, fit_steps, nested_models
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.tool_point import find_lever, hang_payload
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.calibration.weigh import find_lever, hang_payload, with_weights
 from gpmodel.checks.judge import refuse
 from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
@@ -186,7 +186,6 @@ def checked_poses(
     check_table(dataset)
     poses = prepare(mechanism, dataset)
     refuse(mechanism, poses, standard)
-    poses = with_weights(mechanism, poses)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses
 

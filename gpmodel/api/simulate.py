@@ -152,7 +152,7 @@ def _truth(made: Simulation) -> SavedModel:
         stderr=np.full(count, np.nan),
         covariance=unfitted(count),
         placement=made.placement,
-        rotation_weight=1.0,
+        weights={},
         sigma=made.noise,
         pose=False,
         input_units=dict(made.dataset.extra_units),

@@ -55,7 +55,7 @@ def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Ite
         if beyond & set(effect.inputs) and effect.name not in own and not effect.of_the_instrument
     ]
     use = np.ones(len(poses), dtype=bool)
-    fit = linearise(saved.model, poses, saved.theta, placed, saved.rotation_weight, use)
+    fit = linearise(saved.model, poses, saved.theta, placed, saved.weights, use)
     numbers, nothing = range(len(saved.model.effects)), np.zeros(len(problem.residual))
     there = dict(zip([*problem.placement_names, *numbers], problem.columns.T, strict=True))
     later = [there.get(key, nothing) for key in (*fit.placement_names, *numbers)]

@@ -167,7 +167,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
     as_measured: True to include the errors of the instrument and of the session, as for rows of the fitted session.
     """
-    return pose_error(observed_by(usable(saved, session=as_measured), poses)[1], poses.dataset)
+    return pose_error(observed_by(usable(saved, session=as_measured), poses)[1], poses.dataset, saved.weights)
 
 
 def heldout_errors(poses: Poses, parts: Sequence[HeldOutFit], *, as_measured: bool) -> Array:

@@ -1,7 +1,7 @@
 """Write and read model.json: a fitted model for prediction and compensation, and the table it was fitted to."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.instruments import with_observations
 from gpmodel.model.memory import clock_of, read_by
-from gpmodel.model.observation import observations
+from gpmodel.model.observation import Orientation, Weights
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import table_names
 from gpmodel.model.states import measured_torques
@@ -65,7 +65,6 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
         "in_order": data.in_order,
         "readings": dict(data.readings),
         "described": dict(data.described),
-        "counted_m": {kind.name: kind.metres for kind in observations(data) if kind.unit != "m" and kind.metres},
     }
 
 
@@ -102,21 +101,14 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
         readings={name: _numbers(values) for name, values in record.readings.items()},
         described=record.described,
     )
-    dataset = counted(with_observations(dataset, mechanism), record.counted_m)
+    dataset = with_observations(dataset, mechanism)
     return Measured(dataset, np.array(record.heldout, dtype=np.int64))
 
 
-def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
-    """Set the weights of pixels and angles in a dataset, m per pixel or radian, by name of the instrument."""
-    return replace(
-        dataset,
-        observations=tuple(
-            replace(kind, metres=metres[kind.name])
-            if isinstance(kind, Pixels | Inclination) and kind.name in metres
-            else kind
-            for kind in dataset.observations
-        ),
-    )
+def _earlier_weights(part: ModelPart) -> Weights:
+    """Return the weights of a file without `weights_m`."""
+    lever = {} if part.lever_m is None else {Orientation.name: part.lever_m}
+    return lever if part.measured is None else {**lever, **part.measured.counted_m}
 
 
 def _numbers(values: Sequence[object]) -> Array:
@@ -130,7 +122,8 @@ class SavedModel:
 
     theta, stderr: values and standard errors of the effects in SI units, stderr NaN where not fitted. covariance:
     covariance of registration, tool and effects.
-    rotation_weight: weight of a radian, m. sigma: residual standard deviation of one component, m. freedom: degrees of
+    weights: length, m, that counts as one unit of each kind of measurement.
+    sigma: residual standard deviation of one component, m. freedom: degrees of
     freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
     input_units: units of the extra columns that the effects need.
     ranges: lowest and highest fitted value of joints and input columns, SI or the table's unit.
@@ -144,7 +137,7 @@ class SavedModel:
     stderr: Array
     covariance: Covariance
     placement: Placement
-    rotation_weight: float
+    weights: Weights
     sigma: float
     pose: bool
     input_units: Mapping[str, str]
@@ -192,7 +185,7 @@ def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None)
         stderr=fit.stderr,
         covariance=fit.covariance,
         placement=fit.placement,
-        rotation_weight=fit.rotation_weight,
+        weights=fit.weights,
         sigma=fit.sigma,
         pose=dataset.has_rotation,
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
@@ -264,7 +257,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "registration": dict(saved.placement.registration),
         "tool": dict(saved.placement.tool),
         "anchors_m": dict(saved.placement.anchors),
-        "lever_m": saved.rotation_weight,
+        "weights_m": dict(saved.weights),
         "sigma_m": saved.sigma,
         "noise_m": saved.noise,
         "discrepancy_m": saved.discrepancy,
@@ -354,7 +347,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
             {k: np.array(v) for k, v in part.tool.items()},
             {k: _unknowns(k, v) for k, v in part.anchors_m.items()},
         ),
-        rotation_weight=part.lever_m,
+        weights=part.weights_m or _earlier_weights(part),
         sigma=part.sigma_m,
         pose=part.pose,
         input_units=part.input_units,

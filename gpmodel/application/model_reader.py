@@ -97,6 +97,9 @@ class EffectPart(msgspec.Struct, frozen=True):
     taken_up: Annotated[tuple[RigidPart, ...], msgspec.Meta(max_length=MOST_UNKNOWNS)] = ()
 
 
+Weight = Annotated[float, msgspec.Meta(gt=0.0)]
+
+
 class MechanismPart(msgspec.Struct, frozen=True):
     """Mechanism of the model in model.json.
 
@@ -119,7 +122,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
 class MeasuredPart(msgspec.Struct, frozen=True):
     """Table that a model was fitted to, SI, one value or list of values per pose; null if not measured.
 
-    counted_m: weight of a pixel or radian, m.
+    counted_m: length, m, that counts as one pixel or radian, in files without `weights_m`.
     """
 
     file: Name
@@ -138,7 +141,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     in_order: bool
     readings: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
     described: dict[Label, dict[str, object]] = {}
-    counted_m: dict[Word, Annotated[float, msgspec.Meta(gt=0.0)]] = {}
+    counted_m: dict[Word, Weight] = {}
 
     def __post_init__(self) -> None:
         given = {name: getattr(self, name) for name in ("q", "position_m", "rotation_rad", "payload_kg")}
@@ -155,6 +158,8 @@ class ModelPart(msgspec.Struct, frozen=True):
     """Content of model.json without its checksum; unknown keys are ignored.
 
     noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
+    weights_m: length, m, that counts as one unit of each kind of measurement. lever_m: length, m, that counts as one
+    radian of orientation, in files without `weights_m`.
     others, over_causes: effects that are alternative explanations of a finding, and the second moment of all unknowns
     over these alternatives; empty without alternatives.
     """
@@ -170,7 +175,6 @@ class ModelPart(msgspec.Struct, frozen=True):
     registration: Transforms
     tool: Transforms
     anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_UNKNOWNS)]
-    lever_m: Deviation
     sigma_m: Deviation
     pose: bool
     input_units: Columns
@@ -179,6 +183,8 @@ class ModelPart(msgspec.Struct, frozen=True):
     noise_m: Deviation | None = None
     discrepancy_m: Deviation = 0.0
     others: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
+    weights_m: Annotated[dict[Label, Weight], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
+    lever_m: Deviation | None = None
     over_causes: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=2 * MOST_EFFECTS)] = ()
 
     def __post_init__(self) -> None:

@@ -99,7 +99,7 @@ def batches(count: int) -> list[IntArray]:
 
 def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
     """Solve approximate joint values of the poses; return the solved poses and all predicted measurements."""
-    poses = solve_joints(saved.model, given, saved.theta, saved.placement)
+    poses = solve_joints(saved.model, given, saved.theta, saved.placement, saved.weights)
     return poses, observe(saved.model, poses, saved.theta, saved.placement)
 
 

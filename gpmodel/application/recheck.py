@@ -63,7 +63,7 @@ class Session:
     def problem(self) -> Linearised:
         """Linearised measurements of the later poses in registration, tool and all effects, without outliers."""
         saved = self.saved
-        return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.rotation_weight, self.use)
+        return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.weights, self.use)
 
     @property
     def observed(self) -> Observed:
@@ -73,7 +73,7 @@ class Session:
     @property
     def errors(self) -> Array:
         """3-D distance between measured and predicted point of each later pose, m, also of outliers."""
-        return pose_error(self.observed, self.poses.dataset)
+        return pose_error(self.observed, self.poses.dataset, self.saved.weights)
 
     def anew(self, problem: Linearised) -> Mask:
         """Return a mask of the columns that the later session fits.
@@ -129,7 +129,9 @@ def settled(
         columns = problem.columns[:, free]
         step[free[: problem.placement]] = np.linalg.lstsq(columns, problem.residual, rcond=1e-12)[0]
         session = session.moved(problem, step)
-        session = replace(session, use=without_outliers(session.observed, session.poses.dataset, everything))
+        session = replace(
+            session, use=without_outliers(session.observed, session.poses.dataset, everything, saved.weights)
+        )
     return session
 
 
@@ -157,7 +159,7 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
     poses, parts = prepare(saved.mechanism, with_model_labels(saved, dataset)), []
     for rows in batches(len(poses)):
         part = poses.subset(rows)
-        parts.append(pose_error(observe(saved.model, part, saved.theta, saved.placement), part.dataset))
+        parts.append(pose_error(observe(saved.model, part, saved.theta, saved.placement), part.dataset, saved.weights))
     return np.concatenate(parts)
 
 
@@ -315,7 +317,7 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
     poses = prepare(saved.mechanism, saved.measured.dataset)
     use = np.ones(len(poses), dtype=bool)
-    fitted = linearise(saved.model, poses, saved.theta, session.fitted, saved.rotation_weight, use)
+    fitted = linearise(saved.model, poses, saved.theta, session.fitted, saved.weights, use)
     return uncertain_functions(saved.model, fitted, saved.theta, problem)
 
 

@@ -177,7 +177,9 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
         saved = replace(session.saved, theta=session.saved.theta + moved[count:])
         session = replace(session, saved=saved).moved(problem, moved[:count])
         everything = np.ones(len(session.use), dtype=bool)
-        session = replace(session, use=without_outliers(session.observed, session.poses.dataset, everything))
+        session = replace(
+            session, use=without_outliers(session.observed, session.poses.dataset, everything, saved.weights)
+        )
     return _Fit(session, changed, problem, left, step, sigma)
 
 

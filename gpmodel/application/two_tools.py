@@ -101,7 +101,7 @@ def _divided(session: Session, names: tuple[str, str], second: Mask) -> Mask:
     """Return the mask of the rows with the second tool that has the least sum of squares over initial divisions."""
     saved, poses = session.saved, session.poses
     everything = np.ones(len(poses), dtype=bool)
-    problem = linearise(saved.model, poses, saved.theta, saved.placement, saved.rotation_weight, everything)
+    problem = linearise(saved.model, poses, saved.theta, saved.placement, saved.weights, everything)
     placed = [k for k, name in enumerate(problem.placement_names) if name.startswith("registration")]
     tools = [f"tool {n}".rstrip() for n in names if n in saved.placement.tool]
     lever = np.sum(

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpmodel.application.changed_model import with_changes
 from gpmodel.application.kinematics import tips
-from gpmodel.application.model_file import SavedModel, counted
+from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
@@ -23,7 +23,7 @@ from gpmodel.checks.readings import computed
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement, observe, turn_error
-from gpmodel.model.observation import observations
+from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import frame_of
 from gpmodel.table.dataset import Dataset
@@ -105,7 +105,8 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     `application.recheck` and `application.possible_changes`. Raises InputError if the poses do not fit the model, are
     too few, or have mixed-up columns.
     """
-    found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
+    _check_units(saved, dataset)
+    found, instrument = _with_or_without_the_instrument(saved, dataset)
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
         raise InputError(
             f"{dataset.source}: the positions were computed, not measured: they differ from the predictions of "
@@ -173,20 +174,16 @@ class _Judged:
         return self.nothing_else or left < UNEXPLAINED * near
 
 
-def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the table with pixels and angles weighed as in the table that the model was fitted to.
-
-    Raises InputError for measurements in a unit whose noise the model does not contain.
-    """
+def _check_units(saved: SavedModel, dataset: Dataset) -> None:
+    """Raise InputError for measurements in a unit whose noise the model does not contain."""
     fitted = () if saved.measured is None else observations(saved.measured.dataset)
     read = {kind.unit: kind.name for kind in fitted if kind.readings.any()} or {"m": "positions"}
     for kind in observations(dataset):
-        if kind.readings.any() and kind.metres and kind.unit not in read:
+        if kind.readings.any() and not isinstance(kind, Orientation) and kind.unit not in read:
             raise InputError(
                 f"{dataset.source}: the model was fitted to {' and '.join(read.values())}, so that the "
                 f"noise of {kind.name} is unknown; expected a table of the same instrument, or a model fitted to both"
             )
-    return counted(dataset, {kind.name: kind.metres for kind in fitted if kind.metres})
 
 
 def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:

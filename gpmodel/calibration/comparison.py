@@ -1,7 +1,7 @@
 """Fit a sequence of growing models to the same poses, and compare their errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
+from gpmodel.calibration.unmeasured_joints import STARTING_WEIGHTS
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
+from gpmodel.model.observation import Weights
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
@@ -31,7 +32,7 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
     use = np.ones(len(data), dtype=bool)
-    return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, ROTATION_WEIGHT, use)
+    return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, STARTING_WEIGHTS, use)
 
 
 @dataclass(frozen=True)
@@ -88,16 +89,33 @@ def fit_steps(
         fit = calibrate(ErrorModel(mechanism, of_model), train, condition_limit=condition_limit, start=start, seed=seed)
         fit = apart_from_effects(fit, train)
         steps.append(step_of(name, fit, train, heldout))
-    return tuple(steps)
+    return weighed_alike(steps, train, heldout)
 
 
 def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
     """Compute the errors of a fitted model on its training poses and on held-out poses."""
+    return Step(name, fit, fit.error, _heldout_error(fit, train, heldout, fit.weights))
+
+
+def _heldout_error(fit: Calibration, train: Poses, heldout: Poses, weights: Weights) -> Array:
     known = known_rows(train.dataset, heldout.dataset)
     errors = np.full(len(heldout), np.nan)
     if len(known):
-        errors[known] = errors_on(fit, heldout.subset(known))
-    return Step(name, fit, fit.error, errors)
+        errors[known] = errors_on(fit, heldout.subset(known), weights)
+    return errors
+
+
+def weighed_alike(steps: Sequence[Step], train: Poses, heldout: Poses) -> tuple[Step, ...]:
+    """Return the steps with errors by the weights of the last fit, so that the errors of all models are comparable."""
+
+    def weighed(step: Step) -> Step:
+        fit, weights = step.calibration, steps[-1].calibration.weights
+        if fit.weights == weights:
+            return step
+        unseen = _heldout_error(fit, train, heldout, weights)
+        return replace(step, train_error=errors_on(fit, train, weights), heldout_error=unseen)
+
+    return tuple(map(weighed, steps))
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:

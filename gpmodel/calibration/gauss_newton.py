@@ -8,15 +8,16 @@ from threadpoolctl import threadpool_limits
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
 from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate, linear_step
+from gpmodel.calibration.kinds import estimated_weights
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration, uncertainty
 from gpmodel.calibration.start import placement_after, start_placements
-from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT, check_points, free_joints
+from gpmodel.calibration.unmeasured_joints import STARTING_WEIGHTS, check_points, free_joints
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
-from gpmodel.model.instruments import METRES_A_RADIAN
+from gpmodel.model.observation import Weights, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import among_worst, in_company, outlier_limit
 from gpmodel.numerics.rank import LIMITS, RankChoice
@@ -127,7 +128,7 @@ ATTEMPTS = 4
 """Largest number of fits that exclude outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by repeats of a pose, or of the log weight of a rotation, at which weights have
+"""Change of the log variance shared by repeats of a pose, or of the log weight of a kind, at which weights have
 converged. A smaller change of the weights alters standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
@@ -179,13 +180,14 @@ def _calibrate(
     use = np.ones(len(poses), dtype=bool)
     before: dict[str, float] = {}
     if start is None:
-        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT, sharing(poses.dataset))
+        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, _starting_weights(poses), sharing(poses.dataset))
         placement = _placed(first)
         fitting = replace(first, model=model)
     else:
         if robust and len(start.error) == len(poses):
             use[start.outliers] = False
-        fitting = Fitting(model, poses, use, start.rotation_weight, sharing(poses.dataset), start.pose_ratio)
+        weights = {**_starting_weights(poses), **start.weights}
+        fitting = Fitting(model, poses, use, weights, sharing(poses.dataset), start.pose_ratio)
         placement = start.placement
         fitting = replace(fitting, model=with_taken_up(model, start.model))
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
@@ -217,7 +219,7 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose the effects to fit, fit them, weigh rotations and exclude outliers, until no new outlier is found.
+    """Choose the effects to fit, fit them, weigh kinds of measurements and exclude outliers, until both are settled.
 
     If outliers prevent convergence, the next fit without the outliers begins again from the initial values.
     """
@@ -230,20 +232,18 @@ def _fit(
         held = np.where(choices.free, fitted.theta, 0.0)
         same = np.array_equal(held, fitted.theta)
         fitted = iterate(fitting, held, fitted.placement, choices.free, fitted.problem if same else None)
-        use = fitting.use
-        if manner.robust:
-            use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use)
-        weight = fitting.rotation_weight
-        if fitting.poses.dataset.has_rotation and attempt == 0:
-            weight = _rotation_weight(fitted.problem, fitting.poses)
+        weights = estimated_weights(fitting, fitted, choices.free)
         ratio = pose_ratio(fitted.problem, fitting.block, fitting.ratio, float(choices.free.sum()))
-        fewer, settled = not np.array_equal(use, fitting.use), fitted.status == "converged"
-        changed = np.log1p(ratio) - np.log1p(fitting.ratio), np.log(weight / fitting.rotation_weight)
-        again = fewer or (settled and np.max(np.abs(changed)) > RATIO_SETTLED)
+        use, settled = fitting.use, fitted.status == "converged"
+        reweighed = settled and max(abs(np.log(w / fitting.weights[k])) for k, w in weights.items()) > RATIO_SETTLED
+        if manner.robust and not reweighed:
+            use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use, fitting.weights)
+        again = reweighed or not np.array_equal(use, fitting.use)
+        again = again or (settled and abs(np.log1p(ratio) - np.log1p(fitting.ratio)) > RATIO_SETTLED)
         if not again or attempt + 1 == ATTEMPTS:
             break
         if settled:
-            fitting = replace(fitting, use=use, rotation_weight=weight, ratio=ratio)
+            fitting = replace(fitting, use=use, weights=weights, ratio=ratio)
         else:
             fitting, fitted = replace(fitting, use=use), replace(fitted, theta=origin[0], placement=origin[1])
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
@@ -253,8 +253,9 @@ def _fit(
     return Calibration(
         **vars(uncertainty(fitting, fitted, choices.free)),
         model=fitting.model, placement=fitted.placement, theta=fitted.theta, free=choices.free,
-        error=pose_error(fitted.problem.observed, fitting.poses.dataset), outliers=np.flatnonzero(~fitting.use),
-        condition_limit=choices.limit, rank_curve=choices.curve, rotation_weight=fitting.rotation_weight,
+        error=pose_error(fitted.problem.observed, fitting.poses.dataset, fitting.weights),
+        outliers=np.flatnonzero(~fitting.use),
+        condition_limit=choices.limit, rank_curve=choices.curve, weights=fitting.weights,
         pose_ratio=fitting.ratio, status=fitted.status, reason=better or reason,
     )  # fmt: skip
 
@@ -284,23 +285,17 @@ def _better(
     return kept, replace(choices, free=choices.free & (theta != 0.0)), text
 
 
-def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
+def without_outliers(observed: Observed, dataset: Dataset, use: Mask, weights: Weights) -> Mask:
     """Return a mask of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
-    error = pose_error(observed, dataset)
+    error = pose_error(observed, dataset, weights)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))
     return use & ~(far & among_worst(error, use))
 
 
-def _rotation_weight(problem: Linearised, poses: Poses) -> float:
-    """Return the weight of a measured radian, m: median absolute residual of lengths over that of angles. Without
-    measured lengths the weight is METRES_A_RADIAN."""
-    residual, turns = np.abs(measured_minus(problem.observed, poses.dataset)), problem.observed.turns
-    both = [part[np.isfinite(part)] for part in (residual[:, ~turns], residual[:, turns])]
-    if not len(both[0]):
-        return METRES_A_RADIAN
-    lengths, angles = map(np.median, both)
-    return float(np.clip(lengths / angles, 0.01, 10.0)) if lengths > 0 and angles > 0 else ROTATION_WEIGHT
+def _starting_weights(poses: Poses) -> dict[str, float]:
+    """Return the weights of all kinds of measurements before their noise is estimated, m per unit."""
+    return {**{kind.name: kind.metres for kind in observations(poses.dataset)}, **STARTING_WEIGHTS}
 
 
 def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
@@ -308,4 +303,4 @@ def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
     independent measurements."""
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
-    return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))
+    return Fitting(fit.model, poses, use, fit.weights, sharing(poses.dataset))

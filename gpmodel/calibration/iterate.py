@@ -12,6 +12,7 @@ from gpmodel.calibration.priors import TOOL_REACH, JointPriors, fit_priors, nois
 from gpmodel.calibration.start import placement_after
 from gpmodel.errors import OpenLoopsError
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
+from gpmodel.model.observation import Weights
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
@@ -114,7 +115,8 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Fitting:
-    """Data of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
+    """Data of a fit: the model, the poses, the mask `use` of fitted poses, and the weights of the kinds of
+    measurements, m per unit.
 
     block: index of the pose of every row, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
@@ -123,13 +125,13 @@ class Fitting:
     model: ErrorModel
     poses: Poses
     use: Mask
-    rotation_weight: float
+    weights: Weights
     block: IntArray
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the weighted measurements at given parameter values, repeats taken as independent."""
-        return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
+        return linearise(self.model, self.poses, theta, placement, self.weights, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the measurements at given parameter values, with decorrelated repeats of a pose."""
@@ -137,7 +139,7 @@ class Fitting:
 
     def linearised_about(self, observed: Observed, placement: Placement) -> Linearised:
         """Linearise about given predictions, with decorrelated repeats; all joints must be measured."""
-        weight, use = self.rotation_weight, self.use
+        weight, use = self.weights, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:

@@ -22,6 +22,7 @@ from gpmodel.calibration.unmeasured_joints import (
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, places
 from gpmodel.model.effect import REGISTRATION, Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
+from gpmodel.model.observation import Weights
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank as ident
 
@@ -103,7 +104,7 @@ class Linearised:
     observed: predicted measurements of all poses.
     poses: table of the poses, with solved values of unmeasured joints.
     sizes: norms of the weighted columns before elimination of unmeasured joints.
-    weights: weight by pose and component, positive if measured; of a rotation `rotation_weight`, m per rad.
+    weights: weight by pose and component, positive if measured; m per unit.
     reduced: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
@@ -222,15 +223,15 @@ def _shaped(
 
 
 def linearise(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, kind_weights: Weights, use: Mask
 ) -> Linearised:
     """Linearise the weighted measurements of poses `use` at given parameter values, unmeasured joints eliminated."""
     table = poses.dataset.q
-    poses = solve_joints(model, poses, theta, placement)
+    poses = solve_joints(model, poses, theta, placement, kind_weights)
     observed = observe(model, poses, theta, placement)
     if not free_joints(model.mechanism):
-        return linearise_about(observed, model, poses, placement, rotation_weight, use)
-    residual, weights = _weighted(observed, poses, rotation_weight, use)
+        return linearise_about(observed, model, poses, placement, kind_weights, use)
+    residual, weights = _weighted(observed, poses, kind_weights, use)
     blocks, names = placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
     columns = np.concatenate(blocks, axis=2)
@@ -239,10 +240,10 @@ def linearise(
 
 
 def linearise_about(
-    observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
+    observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, kind_weights: Weights, use: Mask
 ) -> Linearised:
     """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured."""
-    residual, weights = _weighted(observed, poses, rotation_weight, use)
+    residual, weights = _weighted(observed, poses, kind_weights, use)
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
     weight = weights[rows]
@@ -263,10 +264,10 @@ def linearise_about(
     )
 
 
-def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mask) -> tuple[Array, Array]:
+def _weighted(observed: Observed, poses: Poses, kind_weights: Weights, use: Mask) -> tuple[Array, Array]:
     """Return measured minus predicted values, and their weights, 0 if not measured, by pose and component."""
     residual = measured_minus(observed, poses.dataset)
-    return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
+    return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(kind_weights)
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:

@@ -16,6 +16,7 @@ from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
+from gpmodel.model.observation import Observation, Weights
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_of
@@ -84,7 +85,7 @@ class Uncertainty:
     correlation: correlation matrix of the estimated effects.
     covariance: covariance of all fitted quantities.
     placement_numbers: registration and tool, number by number.
-    sigma: standard deviation of one component of a measurement about the model, m.
+    sigma: standard deviation of one component of the reference kind of measurement about the model, m.
     freedom: degrees of freedom of sigma, and of Student's t of the estimates.
     rank: number of unknown parameters that the measurements determine.
     """
@@ -108,7 +109,7 @@ class Calibration(Uncertainty):
     error: 3-D error of each pose, m.
     outliers: indices of the poses that are excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
-    rotation_weight: weight of a radian of measured rotation, m.
+    weights: length, m, that counts as one unit of each kind of measurement.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
     status: converged, stalled, diverged or kept previous, explained by `reason`.
     """
@@ -121,7 +122,7 @@ class Calibration(Uncertainty):
     outliers: IntArray
     condition_limit: float
     rank_curve: tuple[RankChoice, ...]
-    rotation_weight: float
+    weights: Weights
     pose_ratio: float
     status: str
     reason: str
@@ -130,6 +131,10 @@ class Calibration(Uncertainty):
     def fitted_error(self) -> Array:
         """3-D errors of the fitted poses, outliers excluded, m."""
         return np.delete(self.error, self.outliers)
+
+    def noise_of(self, kind: Observation) -> float:
+        """Return the standard deviation of one component of a kind of measurement, in its SI unit."""
+        return self.sigma / self.weights.get(kind.name, kind.metres)
 
     @property
     def dropped(self) -> tuple[str, ...]:
@@ -176,20 +181,20 @@ def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
     """Linearise a fitted model at any poses with known registrations and tools."""
     use = np.ones(len(poses), dtype=bool)
     model, theta, placement = calibration.model, calibration.theta, calibration.placement
-    return linearise(model, poses, theta, placement, calibration.rotation_weight, use)
+    return linearise(model, poses, theta, placement, calibration.weights, use)
 
 
-def errors_on(calibration: Calibration, poses: Poses) -> Array:
+def errors_on(calibration: Calibration, poses: Poses, weights: Weights | None = None) -> Array:
     """Return the 3-D error of each pose by a fitted model, m. Registrations and tools must be known; values of
-    unmeasured joints are solved first."""
+    unmeasured joints are solved first. weights: weights of the kinds of measurements, by default those of the fit."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
-    return pose_error(observed, poses.dataset)
+    return pose_error(observed, poses.dataset, calibration.weights if weights is None else weights)
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
     """Solve the values of unmeasured joints from the measurements; poses are unchanged if all joints are measured."""
-    return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
+    return solve_joints(calibration.model, poses, calibration.theta, calibration.placement, calibration.weights)
 
 
 def without_outlier_marks(calibration: Calibration) -> Calibration:

@@ -334,7 +334,7 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     sigma = unknown.noise * float(np.sqrt(1.0 + known.determined / len(white)))
     return replace(
         fit, **vars(told) | {"sigma": sigma}, theta=again.theta, placement=placed.placement,
-        error=pose_error(placed.problem.observed, poses.dataset), status=placed.status,
+        error=pose_error(placed.problem.observed, poses.dataset, fit.weights), status=placed.status,
     )  # fmt: skip
 
 

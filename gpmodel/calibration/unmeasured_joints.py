@@ -14,6 +14,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
+from gpmodel.model.observation import Orientation, Weights
 from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import Dataset
 
@@ -29,8 +30,9 @@ ROUNDING = 1e-7
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 """Default standard deviation of approximate joint values, rad and m, as if read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
-"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this typical
-weight by the ratio of the residuals."""
+"""Weight of a radian of orientation, m: a typical lever from wrist to tool."""
+STARTING_WEIGHTS: Weights = {Orientation.name: ROTATION_WEIGHT}
+"""Weights of kinds of measurements at the start of a fit, which replaces the weights by estimates."""
 MAX_ITERATIONS = 20
 """Largest number of Gauss-Newton steps to solve the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
@@ -77,6 +79,17 @@ class Complement:
         turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
         return turned[self.keep]
 
+    def components(self, rows: Array) -> Array:
+        """Return measured components by pose from rows of `rows`, zero along the motions of unmeasured joints."""
+        turned = np.zeros((*self.keep.shape, *rows.shape[1:]))
+        turned[self.keep] = rows
+        return np.asarray(np.einsum("nij,ni...->nj...", self.turn, turned))
+
+    @property
+    def shares(self) -> Array:
+        """Part of each measured component, by pose, that unmeasured joints do not move, between 0 and 1."""
+        return np.asarray(np.einsum("nij,ni->nj", self.turn**2, self.keep.astype(float)))
+
 
 def complement(columns: Array, measured: Mask) -> Complement:
     """Return the directions of measurements that unmeasured joints do not move. columns: weighted derivatives with
@@ -122,7 +135,9 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     return np.asarray(rows / scale @ vt[:rank].T @ vt[:rank] * scale)
 
 
-def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
+def solve_joints(
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, weights: Weights = STARTING_WEIGHTS
+) -> Poses:
     """Return the poses with the values of unmeasured joints solved against the measurements.
 
     Of the joint values q that fit the measurements of a pose best, those nearest to the table's are selected, in units
@@ -138,7 +153,7 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
     for _ in range(MAX_ITERATIONS):
         observed = observe(model, current, theta, placement)
         residual = measured_minus(observed, current.dataset)
-        weight = np.isfinite(residual).astype(float) * observed.scales(ROTATION_WEIGHT)
+        weight = np.isfinite(residual).astype(float) * observed.scales(weights)
         columns = joint_columns(model.mechanism, observed) * weight[:, :, None] * sigma
         u, s, vt = np.linalg.svd(columns, full_matrices=False)
         good = s > TRUNCATION * np.maximum(s[:, :1], 1e-300)

@@ -11,7 +11,6 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
-from gpmodel.calibration.weigh import with_weights
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
@@ -43,7 +42,7 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
         return None
     solved = {**described, "camera": {**cameras, **{n: {**c, "solve": ["centre"]} for n, c in stated.items()}}}
     poses = prepare(model.mechanism, with_observations(data, model.mechanism, {**data.described, "cameras": solved}))
-    fit = calibrate(model, with_weights(model.mechanism, poses))
+    fit = calibrate(model, poses)
     if (left := root_mean_square(fit.fitted_error)) > POOR:
         return None
     found = [(name, fit.placement.anchors[f"lens {name}"], c["centre_px"]) for name, c in stated.items()]
@@ -98,7 +97,7 @@ def check_dataset(
     if errors:
         return errors
     rows = evenly(len(data))
-    poses = with_weights(mechanism, prepare(mechanism, data.subset(rows) if many else data))
+    poses = prepare(mechanism, data.subset(rows) if many else data)
     if unsound := [Remark("error", text) for text in _unsound(mechanism, poses)]:
         return unsound
     if many:

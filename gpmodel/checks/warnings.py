@@ -38,7 +38,7 @@ def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
     move.
     """
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    left = measured_minus(observed, poses.dataset) * observed.scales(1.0)
+    left = measured_minus(observed, poses.dataset) * observed.scales(fit.weights)
     left[fit.outliers] = np.nan
     residual = left[:, ~observed.turns][:, np.isfinite(left[:, ~observed.turns]).any(axis=0)]
     if poses.dataset.observations:

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step, known_rows
+from gpmodel.calibration.comparison import Step, known_rows, step_of, weighed_alike
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
+from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
 from gpmodel.discovery.search import Search
@@ -261,5 +261,6 @@ class State:
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a fitted model to the sequence, with its errors on the training and the held-out poses."""
-        heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
-        self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
+        seen, unseen = (self.poses.subset(rows) for rows in (self.train, self.heldout))
+        step = replace(step_of(name, calibration, seen, unseen), finding=finding)
+        self.steps = [*weighed_alike([*self.steps, step], seen, unseen)]

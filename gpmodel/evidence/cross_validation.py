@@ -91,9 +91,9 @@ class Confirmation:
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
-    """Test whether the found model predicts held-out poses better than the standard model does."""
+    """Test whether the found model predicts held-out poses better than the standard model does, weighed alike."""
     unit = independent_blocks(heldout.dataset, criteria)
-    return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
+    return paired(errors_on(standard, heldout, found.weights), errors_on(found, heldout), unit, criteria)
 
 
 def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:

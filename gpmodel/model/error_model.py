@@ -11,7 +11,7 @@ from gpmodel.errors import InputError, OpenLoopsError, choices
 from gpmodel.mechanism.branches import assembled, branched, moves_with
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect
-from gpmodel.model.observation import Observation, Own, Tips, observations
+from gpmodel.model.observation import Observation, Own, Tips, Weights, observations
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of, tip_slots
 from gpmodel.numerics import se3
@@ -222,12 +222,12 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
     return np.hstack([kind.residual(observed.tips, observed.own) for kind in observations(dataset)])
 
 
-def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the length of the error (measured minus predicted) of each pose, m, without rotations.
+def pose_error(observed: Observed, dataset: Dataset, weights: Weights) -> Array:
+    """Return the length of the weighted error (measured minus predicted) of each pose, m, without rotations.
 
-    If a table has orientations alone, a radian counts as one metre.
+    If a table has orientations alone, the length is of orientations.
     """
-    errors = measured_minus(observed, dataset) * observed.scales(1.0)
+    errors = measured_minus(observed, dataset) * observed.scales(weights)
     alone = not np.isfinite(errors[:, ~observed.turns]).any()
     return np.asarray(np.sqrt(np.nansum(errors[:, observed.turns == alone] ** 2, axis=1)))
 

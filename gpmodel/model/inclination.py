@@ -14,7 +14,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.model.observation import OfLinks, Own, Tips
+from gpmodel.model.observation import METRES_A_RADIAN, OfLinks, Own, Tips
 from gpmodel.numerics import se3
 
 VERTICAL = "vertical"
@@ -31,14 +31,13 @@ class Inclination(OfLinks):
     values: measured inclinations (poses, 2), rad.
     links: name, and number of the frame, of each link with an inclinometer.
     link: position in `links` of the link at each pose, -1 for no measurement.
-    metres: length, m, that counts as one radian.
     """
 
     values: Array
     links: tuple[tuple[str, int], ...]
     link: IntArray
-    metres: float
     name: ClassVar[str] = "inclination"
+    metres: ClassVar[float] = METRES_A_RADIAN
     unit: ClassVar[str] = "rad"
 
     @cached_property

@@ -12,7 +12,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import read_boards, read_cameras, read_surfaces
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.observation import Observation
-from gpmodel.model.pixel import FEWEST_CORNERS, Pixels
+from gpmodel.model.pixel import FEWEST_CORNERS, Pixels, pixel_size
 from gpmodel.model.surfaces import SURFACES
 from gpmodel.model.touches import Artefact, Feature, Touches
 from gpmodel.numerics import se3
@@ -24,9 +24,6 @@ KNOWN = "surfaces"
 
 SAME_VIEW = 1e-6
 """Largest difference of joint values within one camera view, rad or m: rounding of written digits."""
-
-METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""Initial weights of a pixel and a radian, m: a pixel at a metre's distance, and a lever of a metre."""
 
 
 def with_observations(
@@ -145,9 +142,10 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
     flat = np.isin(board, [i for i, (b, _) in enumerate(boards) if b.flat])
     _check_views(dataset, [c.name for c in cameras], view, np.column_stack([np.where(flat, camera, -1), board]))
     used = [np.unique(codes[seen]) for codes in (camera, board)]
+    image = numbered(np.column_stack([view, camera, board]))
     yield Pixels(
         values, tuple(cameras[i] for i in used[0]), tuple(boards[i][0] for i in used[1]), _renumbered(camera, used[0]),
-        _renumbered(board, used[1]), corner, view, METRES_A_PIXEL,
+        _renumbered(board, used[1]), corner, view, pixel_size(values[seen], corner[seen], image[seen]),
     )  # fmt: skip
 
 
@@ -184,7 +182,7 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
     links = tuple((name, carrier_slot(mechanism, name, f"{dataset.source}, column 'link'")) for name in names)
     if unmoved := [name for name, slot in links if slot < 0]:
         raise InputError(f"{dataset.source}, column 'link': '{unmoved[0]}' does not move; expected a moving link")
-    yield Inclination(values, links, np.where(read, which, -1), METRES_A_RADIAN)
+    yield Inclination(values, links, np.where(read, which, -1))
 
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:

@@ -31,6 +31,10 @@ class Tips:
         return self.instrument[:, :3, :3] @ np.swapaxes(self.root[:, :3, :3], 1, 2)
 
 
+METRES_A_RADIAN = 1.0
+"""Length that counts as one radian, m: a lever of a metre."""
+Weights = Mapping[str, float]
+"""Length, m, with the noise of one unit of each kind of measurement, by name; Observation.metres if missing."""
 Own = Mapping[str, Array]
 """Unknowns of the measuring equipment by key, such as positions of fixed ends, surfaces and cameras."""
 
@@ -47,8 +51,8 @@ class Observation(Protocol):
         """Unit of the measured components: "m", "rad" or "px"."""
 
     @property
-    def metres(self) -> float | None:
-        """Length in metres that counts as one unit of the measurement; None for a rotation, whose weight is fitted."""
+    def metres(self) -> float:
+        """Length in metres that counts as one unit of the measurement before its noise is estimated."""
 
     @property
     def components(self) -> int:
@@ -107,7 +111,7 @@ class OfTip:
 
     kept: ClassVar[tuple[str, ...]] = ()
     unit: ClassVar[str] = "m"
-    metres: ClassVar[float | None] = 1.0
+    metres: ClassVar[float] = 1.0
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """Return no derivatives: of all frames, only the frame of the tip changes the measurement."""
@@ -190,7 +194,7 @@ class Orientation(WithoutUnknowns):
     values: Array
     name: ClassVar[str] = "rotation"
     unit: ClassVar[str] = "rad"
-    metres: ClassVar[float | None] = None
+    metres: ClassVar[float] = METRES_A_RADIAN
 
     @property
     def oriented(self) -> bool:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.model.observation import Distance, Observation, Tips
+from gpmodel.model.observation import Distance, Observation, Orientation, Tips, Weights
 from gpmodel.numerics import se3
 
 
@@ -54,12 +54,12 @@ class Observed:
 
     @property
     def turns(self) -> Mask:
-        """Mask of the measured components that are rotations, whose weight the fit estimates."""
-        return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
+        """Mask of the measured components that are rotations."""
+        return np.repeat([isinstance(k, Orientation) for k in self.kinds], [k.components for k in self.kinds])
 
-    def scales(self, rotation_weight: float) -> Array:
-        """Return for each measured component the length in metres that counts as one unit of the component."""
-        each = [rotation_weight if kind.metres is None else kind.metres for kind in self.kinds]
+    def scales(self, weights: Weights) -> Array:
+        """Return the weight of each measured component, m per unit."""
+        each = [weights.get(kind.name, kind.metres) for kind in self.kinds]
         return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:

@@ -28,6 +28,8 @@ IN_TURN = 20
 TURNING = 1e-3
 """Smallest ratio of the second smallest to the largest singular value of a hand-eye calibration. With a smaller ratio
 all views rotate about one axis."""
+METRES_A_PIXEL = 1e-3
+"""Size of a pixel, m, if no image has an extent: at a distance of a thousand pixels per metre."""
 FEWEST_VIEWS = 3
 """Least number of camera views of a board: two rotations about two axes determine a hand-eye transform."""
 
@@ -204,13 +206,27 @@ class Board(Mounted):
         return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
 
+def pixel_size(values: Array, corner: Array, image: IntArray) -> float:
+    """Return the median size of one pixel at the boards, m: extent of the corners of an image over extent in pixels.
+
+    The extent is the largest singular value: its direction is the least foreshortened. image: number of the image of
+    each row.
+    """
+    ratios = []
+    for rows in (np.flatnonzero(image == k) for k in np.unique(image)):
+        board, seen = (np.linalg.norm(x[rows] - x[rows].mean(axis=0), 2) for x in (corner, values))
+        if board > 0.0 and seen > 0.0:
+            ratios.append(board / seen)
+    return float(np.median(ratios)) if ratios else METRES_A_PIXEL
+
+
 @dataclass(frozen=True, eq=False)
 class Pixels(OfLinks):
     """Measured pixels of corners. camera, board: index of the camera and of the board of each row, -1 for no
     measurement.
 
-    values: pixels (rows, 2). corner: point on its board, m. view: index of the image of each row. metres: size of one
-    pixel, m."""
+    values: pixels (rows, 2). corner: point on its board, m. view: index of the image of each row. metres: size of a
+    pixel at the board, m."""
 
     values: Array
     cameras: tuple[Camera, ...]
@@ -303,11 +319,6 @@ class Pixels(OfLinks):
         out = {f"camera {c.name}": numbers_of(cameras[i]) for i, c in enumerate(self.cameras)}
         out |= {f"board {b.name}": numbers_of(boards[i]) for i, b in enumerate(self.boards)}
         return out | {f"lens {c.name}": lenses[i][list(c.solved)] for i, c in enumerate(self.cameras) if c.solved}
-
-    def depth(self, tips: Tips, own: Own) -> float:
-        """Return the median size of one pixel at the board's corners, m: distance of a corner over focal length."""
-        seen, rows = self._seen(tips, own), self.readings.all(axis=1)
-        return float(np.median(seen.points[rows, 2] / seen.lens[rows, 0]))
 
     def _pairs(self) -> list[tuple[int, int]]:
         seen = self.readings.all(axis=1)

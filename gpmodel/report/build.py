@@ -144,8 +144,8 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         plots=plots,
         hidden=(*(translate(rival.words(kinds), names) for rival in rivals), *_of_the_masses(final, data)),
         readings=(
-            *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
-            *orientation_record(plots, poses.dataset.row[ladder.outliers].tolist()),
+            *reading_records(poses, final, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
+            *orientation_record(plots, final, poses.dataset.row[ladder.outliers].tolist()),
         ),
         unseen=(
             *region_sentences(final, poses, searched=kind == "discover"),
@@ -180,7 +180,7 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
     return fit, ladder.poses.subset(held if len(held) else ladder.train)
 
 
-def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
+def orientation_record(plots: PlotRecord, final: Calibration, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
     """Return the RMS angle between measured and modelled orientation, mrad, of the first and of the last model.
 
     The RMS angle is over held-out poses, or over all poses if none were held out. The result is empty without measured
@@ -189,13 +189,17 @@ def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[Re
     if not plots.turn_mrad:
         return ()
     (_, before), (rows, after) = (plots.turned(name, outliers) for name in (REGISTRATION, "final"))
-    return (ReadingRecord("orientation", "mrad", rows, before, after),)
+    noise = 1e3 * final.sigma / final.weights[Orientation.name]
+    return (ReadingRecord("orientation", "mrad", rows, before, after, noise),)
 
 
-def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
-    """Return the RMS residuals of the first and the last model by kind of measurement, except points. steps: for each
-    of the two models, fits and the poses at which their errors are computed."""
-    if not poses.dataset.observations:
+def reading_records(poses: Poses, final: Calibration, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
+    """Return RMS residuals of the first and the last model and the noise, by kind of measurement.
+
+    Positions alone and orientations have no record. final: fit that states the noise. steps: for each of the two
+    models, fits and the poses at which their errors are computed.
+    """
+    if not poses.dataset.observations and not poses.dataset.distances:
         return ()
     left, out = [_left(step) for step in steps], []
     for kind in observations(poses.dataset):
@@ -204,7 +208,7 @@ def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[Re
         if rows := int(kind.readings.any(axis=1).sum()):
             unit, factor = OWN_UNIT[kind.unit]
             before, after = (factor * by[kind.name] if kind.name in by else None for by in left)
-            out.append(ReadingRecord(kind.name, unit, rows, before, after))
+            out.append(ReadingRecord(kind.name, unit, rows, before, after, factor * final.noise_of(kind)))
     return tuple(out)
 
 

@@ -123,7 +123,7 @@ def shape_record(
     observed = observe(final.model, poses, final.theta, final.placement)
     difference = measured_minus(observed, poses.dataset)
     measured, residual = np.isfinite(difference), np.nan_to_num(difference)
-    weights = measured * observed.scales(final.rotation_weight)
+    weights = measured * observed.scales(final.weights)
     term = candidate.place
     sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
     column = sensitivity[:, :, AXES.index(term.axis)] * term.weight

@@ -153,8 +153,8 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
     return replace(
         report,
         readings=(
-            *reading_records(discovery.poses, steps[::2]),
-            *orientation_record(plots, report.data.outliers),
+            *reading_records(discovery.poses, discovery.final, steps[::2]),
+            *orientation_record(plots, discovery.final, report.data.outliers),
         ),
         data=replace(report.data, heldout=count, folds=discovery.folds),
         plots=plots,

@@ -19,7 +19,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import tip_at_trial
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, observe
-from gpmodel.model.observation import observations
+from gpmodel.model.observation import Orientation, observations
 from gpmodel.model.sites import names_of
 from gpmodel.model.states import States
 from gpmodel.report.fitted import root_residual
@@ -114,7 +114,7 @@ def floor_mm(
     sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)
     if sigma is None:
         return None, None
-    measured = sum(float(kind.readings.sum()) for kind in observations(data) if kind.metres is not None)
+    measured = sum(float(kind.readings.sum()) for kind in observations(data) if not isinstance(kind, Orientation))
     measured = measured if values is None else values
     return float(1e3 * sigma * np.sqrt(measured / len(data))), "specification" if noise is None else "instrument"
 

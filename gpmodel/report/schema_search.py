@@ -75,13 +75,15 @@ class PlotRecord:
 @dataclass(frozen=True)
 class ReadingRecord:
     """Residuals of one kind of measurement: number of rows, and RMS after registration and after the last step.
-    The RMS residual has the unit of the measurement, and is over held-out rows if rows were held out."""
+    The RMS residual has the unit of the measurement, and is over held-out rows if rows were held out.
+    noise: standard deviation of one component, which weighs the kind in the fit; None if not estimated."""
 
     name: str
     unit: str
     rows: Count
     before: NotNegative | None = None
     after: NotNegative | None = None
+    noise: NotNegative | None = None
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ def _ladder(report: Report) -> Iterator[str]:
 def _readings(report: Report) -> Iterator[str]:
     for kind in report.readings:
         change = " → ".join(wording.UNKNOWN if v is None else f"{v:.3g}" for v in (kind.before, kind.after))
-        yield f"    {kind.name:<{NAME}}{change} {kind.unit}, {kind.rows} rows"
+        noise = "" if kind.noise is None else f", noise {kind.noise:.3g} {kind.unit}"
+        yield f"    {kind.name:<{NAME}}{change} {kind.unit}{noise}, {kind.rows} rows"
 
 
 def _effects(report: Report) -> Iterator[str]:

@@ -229,7 +229,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
     session = found.session
     for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
         rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]
-        own = factor / (kind.metres or 1.0)
+        own = factor / session.saved.weights.get(kind.name, kind.metres)
         sizes = [own * root_mean_square(v[rows]) for v in (found.alone, session.errors, promised)]
         yield KindRecord(kind.name, unit, 1e3 / own, int(rows.sum()), *map(optional, sizes))
 

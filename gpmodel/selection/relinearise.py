@@ -74,7 +74,7 @@ def refit(state: Expansion) -> Refit:
     variance = float(problem.residual @ problem.residual) / max(len(problem.residual) - unknowns, 1.0)
     sigma = float(np.sqrt(variance / inflation))
     there = replace(state, theta=fitted.theta, placement=fitted.placement, sigma=sigma)
-    return Refit(there, problem, unknowns, pose_error(problem.observed, state.fitting.poses.dataset))
+    return Refit(there, problem, unknowns, pose_error(problem.observed, fitting.poses.dataset, fitting.weights))
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:

@@ -30,7 +30,7 @@ def true_model(name: str, poses: int = 30) -> tuple[SavedModel, Dataset]:
     mechanism, made = robot(poses, 4, name, effects=EFFECTS[name], geometry_sigma=5e-4)
     count = len(made.theta)
     saved = SavedModel(
-        made.model, made.theta, np.full(count, np.nan), unfitted(count), made.placement, 1.0, 3e-5, False, {},
+        made.model, made.theta, np.full(count, np.nan), unfitted(count), made.placement, {}, 3e-5, False, {},
     )  # fmt: skip
     middle = np.array([(j.lower + j.upper) / 2 for j in mechanism.joints])
     q = middle + 0.9 * (made.dataset.q - middle)
@@ -189,7 +189,7 @@ def test_a_model_that_remembers_needs_the_order_and_keeps_it_while_some_rows_are
     model = ErrorModel(mechanism, (*made.model.effects, play))
     theta = np.append(made.theta, 4e-4)
     saved = SavedModel(
-        model, theta, np.full(len(theta), np.nan), unfitted(len(theta)), made.placement, 1.0, 3e-5, False, {}
+        model, theta, np.full(len(theta), np.nan), unfitted(len(theta)), made.placement, {}, 3e-5, False, {}
     )
     blank = np.full((30, 3), np.nan)
     dataset = replace(made.dataset, position=blank, rotation=blank.copy(), in_order=True)

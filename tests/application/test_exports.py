@@ -159,7 +159,7 @@ def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
     kept = tuple(np.where([e.constant for e in model.saved.model.effects], model.saved.theta, 0.0))
     saved = model.saved
     dropped = Model(SavedModel(saved.model, np.array(kept), saved.stderr, saved.covariance, saved.placement,
-                               saved.rotation_weight, saved.sigma, saved.pose, {}))  # fmt: skip
+                               saved.weights, saved.sigma, saved.pose, {}))  # fmt: skip
     q = fresh(model, 300)
     off = np.linalg.norm(points(dropped, q) - points(model, q), axis=1)
     assert rigid[0].rms < np.sqrt(np.mean(off**2))

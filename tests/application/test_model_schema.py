@@ -108,7 +108,7 @@ CHANGES: dict[str, tuple[tuple[str | int, ...], object, str]] = {
     "a long tool": (("tool", "", 0, 3), 1e4, "10000 m, expected at most 1000 m"),
     "far": (("sigma_m",), 1e300, "sigma_m: Expected `float` <= 10000000000000.0"),
     "negative": (("sigma_m",), -1.0, "sigma_m: Expected `float` >= 0.0"),
-    "a truth for a number": (("lever_m",), True, "lever_m: Expected `float`, got `bool`"),
+    "a truth for a number": (("sigma_m",), True, "sigma_m: Expected `float`, got `bool`"),
     "covariance": (("covariance",), [[1.0]], "covariance: expected"),
     "a negative variance": (("covariance", 2, 2), -1e-12, "variances of zero or more"),
     "a correlation of two": (("covariance", 2, 0), 1.0, "correlations from -1 to 1"),
@@ -221,7 +221,7 @@ def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(saved.covariance.values, again.covariance.values)
     assert (saved.covariance.placement, saved.ranges) == (again.covariance.placement, again.ranges)
     assert [e.name for e in saved.model.effects] == [e.name for e in again.model.effects]
-    assert (saved.rotation_weight, saved.sigma, saved.pose) == (again.rotation_weight, again.sigma, again.pose)
+    assert (saved.weights, saved.sigma, saved.pose) == (again.weights, again.sigma, again.pose)
     assert saved.input_units == again.input_units
     before, after = saved.measured, again.measured
     assert before is not None

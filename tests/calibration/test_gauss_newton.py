@@ -106,7 +106,7 @@ def test_several_setups_and_tools_are_identified_together(see: str) -> None:
 def test_placement_columns_are_the_derivatives_of_its_steps(see: tuple[str, ...]) -> None:
     truth = measure("ur5", (), (), 5, count=12, noise=0.0, setups=2, tools=2, see=see)
     use = np.ones(12, dtype=bool)
-    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, 1.0, use)
+    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, {}, use)
     for k in range(problem.placement):
         step = np.zeros(problem.placement)
         moved = []
@@ -122,14 +122,14 @@ def test_what_is_returned_is_what_was_optimised() -> None:
     truth = measure("irb6400r", (), (), 6)
     fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
     seen = observe(fit.model, truth.poses, fit.theta, fit.placement)
-    np.testing.assert_array_equal(fit.error, pose_error(seen, truth.poses.dataset))
+    np.testing.assert_array_equal(fit.error, pose_error(seen, truth.poses.dataset, {}))
     np.testing.assert_array_equal(errors_on(fit, truth.poses), fit.error)
     assert (fit.theta[~fit.free] == 0.0).all()
     rng = np.random.default_rng(0)
     for _ in range(5):
         step = 3 * np.nan_to_num(fit.stderr) * rng.normal(size=len(fit.theta))
         worse = observe(fit.model, truth.poses, fit.theta + step, fit.placement)
-        assert np.sum(pose_error(worse, truth.poses.dataset) ** 2) > np.sum(fit.error**2)
+        assert np.sum(pose_error(worse, truth.poses.dataset, {}) ** 2) > np.sum(fit.error**2)
 
 
 def test_outliers_are_listed_by_row_and_do_not_move_the_fit() -> None:
@@ -263,7 +263,7 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     truth = measure("ur5", curves[:6], 1e-4 * np.ones(6), 4, count=60)
     model = ErrorModel(truth.model.mechanism, (*truth.model.effects, *curves[6:]))
     fit = calibrate(model, truth.poses, robust=False)
-    problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.rotation_weight, np.ones(60, dtype=bool))
+    problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.weights, np.ones(60, dtype=bool))
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     known = fit_priors(model, problem, fit.theta, fit.placement, fit.free)
     system = np.vstack([problem.columns, known.rows])[:, free]
@@ -294,7 +294,7 @@ def test_a_fit_follows_a_valley_that_bends(twist: float) -> None:
     names = [e.name for e in model.effects]
     kept = calibrate(model, poses, robust=False, condition_limit=100.0).free
     kept[[names.index(f"wrist_{name}") for name in ("1_joint Tz", "2_joint Tx", "2_joint Rx")]] = True
-    fitting = Fitting(model, poses, np.ones(len(poses), dtype=bool), 1.0, sharing(poses.dataset))
+    fitting = Fitting(model, poses, np.ones(len(poses), dtype=bool), {}, sharing(poses.dataset))
     start = np.where(np.array(names) == "wrist_2_joint Rx", twist, 0.0)
     astray = iterate(fitting, start, placement, kept & (start == 0.0))
     found = iterate(fitting, astray.theta, astray.placement, kept)
@@ -331,8 +331,8 @@ def test_a_fit_weighs_orientations_by_its_own_residual_and_not_by_that_of_its_st
     whole = ErrorModel(arm, (*standard, *few("ur5")[2:4]))
     before = calibrate(ErrorModel(arm, standard), truth.poses)
     alone, after = calibrate(whole, truth.poses), calibrate(whole, truth.poses, start=before)
-    assert abs(np.log(before.rotation_weight / alone.rotation_weight)) > 0.2
-    assert after.rotation_weight == pytest.approx(alone.rotation_weight, rel=0.1)
+    assert abs(np.log(before.weights["rotation"] / alone.weights["rotation"])) > 0.2
+    assert after.weights == pytest.approx(alone.weights, rel=0.1)
     assert after.sigma == pytest.approx(alone.sigma, rel=0.1)
 
 

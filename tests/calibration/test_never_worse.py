@@ -14,7 +14,7 @@ from gpmodel.calibration.gauge import at_fixed_joints, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.calibration.start import start_placements
-from gpmodel.calibration.weigh import hang_payload
+from gpmodel.calibration.tool_point import hang_payload
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice

@@ -93,7 +93,7 @@ def test_the_saved_model_is_the_optimised_one(done: Path, measured: Path) -> Non
     """Read back from text and put to the table, it beats the last rung, which saw the training poses alone."""
     saved = load_model(done / "model.json")
     poses = prepare(saved.mechanism, read_table(measured, saved.mechanism))
-    errors = pose_error(observe(saved.model, poses, saved.theta, saved.placement), poses.dataset)
+    errors = pose_error(observe(saved.model, poses, saved.theta, saved.placement), poses.dataset, saved.weights)
     report = json.loads((done / "report.json").read_text())
     values = {p["name"]: p["value"] for p in report["parameters"]}
     assert dict(zip((e.name for e in saved.model.effects), saved.theta, strict=True)) == pytest.approx(values)

@@ -10,7 +10,7 @@ from spherical_cases import JOINT, OFFSETS
 
 from experiments.spherical_joint.rig import Rig
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.weigh import find_lever
+from gpmodel.calibration.tool_point import find_lever
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.mechanism.source import MechanismChoice, load_mechanism

@@ -13,7 +13,6 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.unobservable import unobservable_sentences
-from gpmodel.calibration.weigh import with_weights
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.model.instruments import with_observations
@@ -37,7 +36,7 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
     model, theta = ErrorModel(saved.mechanism, effects), np.array(saved.theta[: len(effects)])
     there = observe(model, poses, theta, saved.placement)
     placement = replace(saved.placement, anchors=there.own)
-    problem = linearise(model, poses, theta, placement, 1.0, np.ones(len(poses), dtype=bool))
+    problem = linearise(model, poses, theta, placement, {}, np.ones(len(poses), dtype=bool))
     scale = problem.weights[problem.weights > 0]
     own = orthonormal(problem.columns[:, [k for k, n in enumerate(problem.placement_names) if n.startswith("pair")]])
     for k in range(problem.columns.shape[1]):
@@ -239,7 +238,7 @@ def test_a_camera_that_sees_a_few_markers_of_a_body_calibrates_the_arm() -> None
     kept = np.flatnonzero(towards > SIDEWAYS)
     shown = with_observations(replace(shown, readings=dict(zip("uv", read[kept].T, strict=True))), mechanism)
     assert np.unique(shown.q, axis=0, return_counts=True)[1].min() < len(BALL) / 2
-    poses = with_weights(mechanism, prepare(mechanism, shown))
+    poses = prepare(mechanism, shown)
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses)
     assert fit.status == "converged"
     left = measured_minus(observe(fit.model, poses, fit.theta, fit.placement), shown)[:, 6:]
@@ -253,9 +252,9 @@ def test_pixels_beside_bars_weigh_by_their_own_noise() -> None:
     parts = [gp.simulate(ARM, poses=40, instrument=name, seed=3) for name in ("bar", "camera")]
     frame = pd.concat([made.to_dataframe() for made in parts], ignore_index=True)
     data = with_observations(gp.read_table(frame, ARM, **parts[1].table.described), parts[1].truth.mechanism)
-    poses = with_weights(parts[1].truth.mechanism, prepare(parts[1].truth.mechanism, data))
-    metres = {kind.name: kind.metres for kind in poses.dataset.observations}
-    assert 0.6 < metres["pixel"] / (0.03e-3 / 0.1) < 1.6
+    arm = parts[1].truth.mechanism
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), prepare(arm, data))
+    assert 0.6 < fit.weights["pixel"] / fit.weights["pair"] / (0.03e-3 / 0.1) < 1.6
 
 
 def test_exchanged_coordinates_of_an_image_are_named() -> None:

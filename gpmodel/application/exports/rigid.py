@@ -78,7 +78,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
         return np.zeros(0)
     observed = observe(saved.model, poses, saved.theta, saved.placement)
     measured = np.asarray(np.isfinite(measured_minus(observed, poses.dataset)).any(axis=1))
-    counts = without_outliers(observed, poses.dataset, measured)
+    counts = without_outliers(observed, poses.dataset, measured, saved.weights)
     parts = [saved.measured.heldout]
     if not len(saved.measured.heldout):
         count = min(FOLDS, int(repeat_blocks(poses.dataset).max()) + 1)

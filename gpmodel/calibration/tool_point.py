@@ -1,0 +1,41 @@
+"""Adapt a mechanism to the tool point of a first fit: the centre of the payload, and the lever of the last link."""
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+
+
+def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
+    """Attach the payload at the tool point, estimated by a fit of registration and tool alone.
+
+    Several tools share one centre of mass c, with the least sum of squared moment errors Σ m² |c - t|² over the poses:
+    m is the payload of a pose, t its tool point. The mechanism is unchanged if a centre of mass is given, no pose has a
+    payload, or it was built in Python.
+    """
+    if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
+        return mechanism, poses
+    if not np.any(poses.dataset.payload > 0):
+        return mechanism, poses
+    mechanism = mechanism.carrying_at(_tool_point(mechanism, poses))
+    return mechanism, prepare(mechanism, poses.dataset)
+
+
+def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
+    """Extend the last link's lever to the tool point, estimated by a fit of registration and tool alone.
+
+    Only a loaded mechanism with a lever changes; nominal frames do not change. The lever is the length that expands
+    with temperature.
+    """
+    if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
+        return mechanism
+    return mechanism.reaching(_tool_point(mechanism, poses))
+
+
+def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
+    fit, carried = calibrate(ErrorModel(mechanism, ()), poses), poses.dataset.payload
+    points = np.array([fit.placement.tool[name][:3, 3] for name in poses.dataset.label("tool").tolist()])
+    return np.asarray(np.average(points, axis=0, weights=carried**2 if np.any(carried) else None))

@@ -1,0 +1,137 @@
+"""Test that each kind of measurement in a table counts by its own noise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from effect_cases import Truth, bare, measure, mechanism, true_tips
+
+import gpmodel as gp
+from gpmodel.calibration import gauss_newton
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect, drive_effect
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.instruments import with_observations
+from gpmodel.model.observation import observations
+from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics import se3
+from gpmodel.table.blocks import hold_out
+
+ARM, COUNT = "irb6400r", 400
+WIRES = tuple(f"distance_{i}" for i in range(4))
+TABLES: dict[str, dict[str, float]] = {
+    "a tracker": {"position": 3e-5},
+    "a tracker and draw wires": {"position": 3e-5, **dict.fromkeys(WIRES, 3e-4)},
+    "a coarse tracker and interferometers": {"position": 3e-4, **dict.fromkeys(WIRES, 1e-5)},
+    "four unequal wires": dict(zip(WIRES, (1e-5, 3e-5, 1e-4, 1e-3), strict=True)),
+    "coarse orientations": {"position": 3e-5, "rotation": 1e-3},
+    "fine orientations": {"position": 3e-4, "rotation": 2e-5},
+    "all": {"position": 3e-5, "rotation": 1e-3, **dict.fromkeys(WIRES, 3e-4)},
+}
+
+
+def planted(noise: Mapping[str, float], effects: Sequence[Effect] = (), seed: int = 1) -> tuple[Truth, Poses]:
+    """Poses of an arm that several instruments measured, each with its own noise."""
+    see = tuple({name.partition("_")[0]: None for name in noise})
+    truth = measure(ARM, effects, [2e-4] * len(effects), seed, count=COUNT, noise=0.0, geometry=0.0, see=see)
+    rng, data = np.random.default_rng([seed, 9]), truth.poses.dataset
+    rotation = data.rotation
+    if "rotation" in noise:
+        turned = np.zeros((2, COUNT, 6))
+        turned[:, :, 3:] = noise["rotation"] * rng.normal(size=(COUNT, 3)), data.rotation
+        rotation = se3.rotation_vector((se3.exp(turned[0]) @ se3.exp(turned[1]))[:, :3, :3])
+    data = replace(
+        data, rotation=rotation, position=data.position + noise.get("position", 0.0) * rng.normal(size=(COUNT, 3)),
+        distances={name: values + noise[name] * rng.normal(size=COUNT) for name, values in data.distances.items()},
+    )  # fmt: skip
+    return truth, prepare(truth.model.mechanism, data)
+
+
+def standard(mechanism: Mechanism) -> ErrorModel:
+    return ErrorModel(mechanism, geometric_effects(mechanism))
+
+
+def error_at_new_poses(fit: Calibration, truth: Truth) -> float:
+    """RMS error of points that nobody measured, in the frame of the robot that fits best, m."""
+    poses = prepare(truth.model.mechanism, bare(ARM, 300, 77, payload=False))
+    exact = true_tips(truth, poses)
+    seen = observe(fit.model, poses, fit.theta, fit.placement).tip[:, :3, 3]
+    turn, shift = se3.fit_rotation(seen, exact)
+    return float(np.sqrt(np.mean(np.sum((seen @ turn.T + shift - exact) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_kinds_count_by_their_own_noise(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    noise = TABLES[table]
+    truth, poses = planted(noise)
+    model = standard(truth.model.mechanism)
+    fit = calibrate(model, poses)
+    assert fit.status == "converged"
+    for kind in observations(poses.dataset):
+        if kind.name in noise:
+            assert fit.noise_of(kind) == pytest.approx(noise[kind.name], rel=0.1), kind.name
+    known = fit.free
+    assert (np.abs(fit.theta[known]) < 3.5 * fit.stderr[known]).all()
+    if "position" in noise:
+        for number, value in zip(fit.placement_numbers[:3], truth.placement.registration[""][:3, 3], strict=False):
+            assert abs(number.value - value) < 3.0 * number.stderr, number.name
+    least = min(noise.values())
+    exact = {name: least / sigma for name, sigma in noise.items()}
+    monkeypatch.setattr(gauss_newton, "estimated_weights", lambda fitting, *_: {**fitting.weights, **exact})
+    best = calibrate(model, poses)
+    assert error_at_new_poses(fit, truth) <= 1.05 * error_at_new_poses(best, truth)
+
+
+@pytest.mark.parametrize(
+    "noise", [{"tracker": "0.03 mm", "inclinometer": "0.02 deg"}, {"tracker": "0.3 mm", "camera": "0.05 px"}]
+)
+def test_pixels_and_inclinations_count_by_their_own_noise(noise: Mapping[str, str]) -> None:
+    units = {"mm": ("position", 1e-3), "deg": ("inclination", float(np.radians(1.0))), "px": ("pixel", 1.0)}
+    parts = {name: gp.simulate(ARM, poses=100, instrument=name, noise=size, seed=3) for name, size in noise.items()}
+    described = {key: value for made in parts.values() for key, value in made.table.described.items()}
+    frame = pd.concat([made.to_dataframe() for made in parts.values()], ignore_index=True)
+    arm = parts["tracker"].truth.mechanism
+    poses = prepare(arm, with_observations(gp.read_table(frame, ARM, **described), arm))
+    fit = calibrate(standard(arm), poses)
+    kinds = {kind.name: kind for kind in observations(poses.dataset)}
+    for size in noise.values():
+        value, _, unit = size.partition(" ")
+        name, factor = units[unit]
+        assert fit.noise_of(kinds[name]) == pytest.approx(float(value) * factor, rel=0.1), name
+
+
+def test_outliers_of_a_fine_instrument_are_excluded_and_no_rows_of_a_coarse_one() -> None:
+    truth, poses = planted(TABLES["a tracker and draw wires"])
+    data = poses.dataset
+    position, distances = data.position.copy(), {name: v.copy() for name, v in data.distances.items()}
+    position[200:] = np.nan
+    for values in distances.values():
+        values[:200] = np.nan
+    position[:6] += 1e-3
+    fit = calibrate(
+        standard(truth.model.mechanism),
+        prepare(truth.model.mechanism, replace(data, position=position, distances=distances)),
+    )
+    assert fit.outliers.tolist() == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.long
+def test_a_search_weighs_kinds_again_after_every_finding() -> None:
+    """Before the first finding all kinds have the residual of the effect, whatever their noise."""
+    noise = {"position": 1e-5, **dict.fromkeys(WIRES, 4e-4)}
+    joint = mechanism(ARM).joints[3]
+    truth, poses = planted(noise, [drive_effect(f"true {f}", joint, Expression(f"{f}(2*J4)")) for f in ("sin", "cos")])
+    train, heldout = hold_out(poses.dataset, 0.25, np.random.default_rng(0))
+    found = discover(truth.model.mechanism, poses, train, heldout, search=Search(runs=0))
+    assert [finding.candidate.family for finding in found.findings] == ["gear_harmonic"]
+    for kind in observations(poses.dataset):
+        if kind.name in noise:
+            assert found.final.noise_of(kind) == pytest.approx(noise[kind.name], rel=0.1), kind.name
+    assert error_at_new_poses(found.final, truth) < noise["position"]
