@@ -275,16 +275,17 @@ Build = Callable[[Builder, Node, list[int]], int]
 LINEAR = ("add", "subtract", "multiply", "divide")
 CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
 NESTED = 2
-"""Additional length of a function inside a function, in nodes. With this addition, the search for 40 random formulas of
-two inputs found two better formulas and none worse."""
+"""Additional length of a function of a function, in nodes. With this addition, the search for 40 random formulas of
+two inputs found two better formulas and none worse. If squares, absolute values and limits of functions count, too, two
+of the 20 formulas of the bench are better (1.92 to 1.49, 1.29 to 1.09) and one is worse (1.12 to 1.17)."""
 
 
 def description_size(program: Program) -> int:
-    """Return the complexity of a program plus `NESTED` for every function of CURVED inside another function."""
+    """Return the complexity of a program plus `NESTED` for every function of a function of CURVED."""
     curved, nested = list[bool](), 0
     for node in program.nodes:
         inside = any(curved[k] for k in node.arguments)
-        nested += inside and node.operator in CURVED
+        nested += inside and node.operator not in LINEAR
         curved.append(inside or node.operator in CURVED)
     return program.complexity + NESTED * nested
 
