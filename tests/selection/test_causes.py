@@ -123,13 +123,13 @@ def test_a_cause_is_one_whatever_the_constant_inside_and_keeps_what_it_contains(
 
 
 def test_one_stop_operator_has_a_name() -> None:
-    """Friction in one joint, measured in order; three other widths would describe nothing more."""
+    """Friction in one joint without a declared direction of approach; other widths would describe nothing more."""
     data, arm = bare(ARM, 60, 3, payload=False, in_order=True), mechanism(ARM)
-    effect = drive_effect("stop", arm.joints[1], Expression("stop_J2_0p25/0.25"))
+    effect = drive_effect("stop", arm.joints[3], Expression("stop_J4_0p25/0.25"))
     truth = measure(ARM, [effect], sized(ARM, [effect], data, 0.12, 3), 3, dataset=data)
     model = grow(started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))[0])
     (found,) = (credible_set(model, g) for g in model.found)
-    assert found.names[0].startswith("hysteresis over its angle, J2, within")
+    assert found.names[0].startswith("hysteresis over its angle, J4, within")
 
 
 @pytest.mark.long
