@@ -237,6 +237,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "frame": choice.frame,
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
+            "tool_coms_m": dict(choice.tool_coms),
             "gravity_m_s2": choice.gravity,
             "added_mass_kg": choice.added_mass,
             "added_moment_kg_m": choice.added_moment,
@@ -318,7 +319,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     about = part.mechanism
     choice = MechanismChoice(
         about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "", about.gravity_m_s2,
-        about.added_mass_kg, about.added_moment_kg_m,
+        about.added_mass_kg, about.added_moment_kg_m, tuple(about.tool_coms_m.items()),
     )  # fmt: skip
     mechanism = given or choice.load()
     known = same_machine(tip_at_trial(mechanism), about.tip_at_probe_m)

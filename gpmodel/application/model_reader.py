@@ -104,6 +104,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
     """Mechanism of the model in model.json.
 
     name: built-in name, or name of the file with the text `description`.
+    tool_coms_m: centre of mass of the payload of each tool, m, if there are several tools.
     tip_at_probe_m: position of the measured link at one fixed set of joint values, m, which identifies the mechanism.
     """
 
@@ -117,6 +118,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
     gravity_m_s2: Point | None = None
     added_mass_kg: Finite | None = None
     added_moment_kg_m: Point | None = None
+    tool_coms_m: Annotated[dict[Name, Point], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):

@@ -18,7 +18,7 @@ from gpmodel.formula.expression import Columns
 from gpmodel.mechanism.protocol import ChangeableLoads, Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
-from gpmodel.model.states import measured_torques
+from gpmodel.model.states import loads_at, measured_torques
 from gpmodel.numerics import rank as ident
 from gpmodel.table.dataset import Dataset
 
@@ -80,7 +80,7 @@ def other_loads(residual: Residual, mechanism: LoadedMechanism) -> OtherLoads | 
     data, problem = residual.poses.dataset, residual.problem
     if problem.reduced is not None or without_positions(problem):
         return None
-    loads = mechanism.loads(data.q, data.payload)
+    loads = loads_at(mechanism, data)
     if measured_torques(mechanism, data) or not any(np.any(v) for v in loads.values()):
         return None
     here = declared = OtherLoads(mechanism)
@@ -135,10 +135,10 @@ def _changes(mechanism: LoadedMechanism, data: Dataset) -> Iterator[_Change]:
         said = f"gravity along ({', '.join(f'{v:.3f}' for v in way)}) of the root frame"
         return mechanism.with_gravity(size * way), said
 
-    units = [mechanism.with_gravity(size * v).loads(data.q, data.payload) for v in across]
+    units = [loads_at(mechanism.with_gravity(size * v), data) for v in across]
     yield _Change("gravity", tuple(units), turned)
-    now = mechanism.loads(data.q, data.payload)
-    units = [mechanism.with_mass(1.0, moment).loads(data.q, data.payload) for moment in (np.zeros(3), *np.eye(3))]
+    now = loads_at(mechanism, data)
+    units = [loads_at(mechanism.with_mass(1.0, moment), data) for moment in (np.zeros(3), *np.eye(3))]
     mass = {name: v - now.get(name, 0.0) for name, v in units[0].items()}
     moments = [{name: v - units[0][name] for name, v in unit.items()} for unit in units[1:]]
 
@@ -161,7 +161,7 @@ def _fitted(residual: Residual, here: OtherLoads, data: Dataset, change: _Change
 
     The columns are reduced to their triangular factor, which keeps the length of every residual.
     """
-    loads = here.mechanism.loads(data.q, data.payload), *change.units
+    loads = loads_at(here.mechanism, data), *change.units
     columns = np.column_stack([*(_columns(residual, one) for one in loads), residual.values])
     triangle = np.asarray(np.linalg.qr(columns, mode="r"))
     target, (first, *further) = triangle[:, -1] / residual.rms, np.split(triangle[:, :-1], len(loads), axis=1)

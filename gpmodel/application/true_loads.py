@@ -21,6 +21,7 @@ from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.model.states import loads_at
 from gpmodel.table.blocks import FOLD_SEED
 
 
@@ -90,7 +91,7 @@ def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, w
         residuals.insert(0, residual_of(found.steps[1].calibration, poses, left.criteria, FOLD_SEED))
 
     def reached(changed: LoadedMechanism, constants: int) -> float:
-        true = changed.loads(poses.dataset.q, poses.dataset.payload)
+        true = loads_at(changed, poses.dataset)
         return _worth(residuals[-1], compliances(mechanism, true, len(poses)), independent) - constants
 
     fitted = [other for other in (other_loads(residual, mechanism) for residual in residuals) if other is not None]

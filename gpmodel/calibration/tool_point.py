@@ -1,5 +1,7 @@
 """Adapt a mechanism to the tool point of a first fit: the centre of the payload, and the lever of the last link."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gpmodel.arrays import Array
@@ -12,15 +14,17 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Attach the payload at the tool point, estimated by a fit of registration and tool alone.
 
-    Several tools share one centre of mass c, with the least sum of squared moment errors Σ m² |c - t|² over the poses:
-    m is the payload of a pose, t its tool point. The mechanism is unchanged if a centre of mass is given, no pose has a
+    Each of several tools has its centre of mass at its tool point. A mechanism whose loads cannot be changed has one
+    centre of mass c, with the least sum of squared moment errors Σ m² |c - t|² over the poses: m is the payload of a
+    pose, t its tool point. The mechanism is unchanged if a centre of mass is given, no pose has a
     payload, or it was built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
     if not np.any(poses.dataset.payload > 0):
         return mechanism, poses
-    mechanism = mechanism.carrying_at(_tool_point(mechanism, poses))
+    points = _tool_points(mechanism, poses)
+    mechanism = mechanism.carrying_at(_middle(points, poses), points if len(points) > 1 else None)
     return mechanism, prepare(mechanism, poses.dataset)
 
 
@@ -32,10 +36,17 @@ def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
     """
     if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
         return mechanism
-    return mechanism.reaching(_tool_point(mechanism, poses))
+    return mechanism.reaching(_middle(_tool_points(mechanism, poses), poses))
 
 
-def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
-    fit, carried = calibrate(ErrorModel(mechanism, ()), poses), poses.dataset.payload
-    points = np.array([fit.placement.tool[name][:3, 3] for name in poses.dataset.label("tool").tolist()])
-    return np.asarray(np.average(points, axis=0, weights=carried**2 if np.any(carried) else None))
+def _tool_points(mechanism: Mechanism, poses: Poses) -> dict[str, Array]:
+    """Return the point of each tool (3,), m, by a fit of registration and tool alone."""
+    fit = calibrate(ErrorModel(mechanism, ()), poses)
+    return {name: frame[:3, 3] for name, frame in fit.placement.tool.items()}
+
+
+def _middle(points: Mapping[str, Array], poses: Poses) -> Array:
+    """Return the mean of the tool points over the poses, with the squared payloads as weights."""
+    carried = poses.dataset.payload
+    each = np.array([points[name] for name in poses.dataset.label("tool").tolist()])
+    return np.asarray(np.average(each, axis=0, weights=carried**2 if np.any(carried) else None))

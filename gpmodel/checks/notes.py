@@ -13,6 +13,7 @@ from gpmodel.calibration.unobservable import region_sentences, unobservable_sent
 from gpmodel.checks.warnings import orientation_left
 from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Mechanism, WithIgnoredParts, followers, unwrapped
+from gpmodel.mechanism.source import choice_of
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.observation import Orientation, observations
@@ -261,7 +262,9 @@ def _loads(mechanism: Mechanism, data: Dataset) -> str:
     carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
     known = bool(mechanism.loads(data.q[:1], np.zeros(1)))
     masses = "masses of the links are known" if known else "no masses of the links are known"
-    shared = ", whose centre of mass is one point for all tools" if heaviest and len(data.codes("tool")[0]) > 1 else ""
+    choice, several = choice_of(mechanism), heaviest and len(data.codes("tool")[0]) > 1
+    stated = choice.payload_com is not None and not choice.tool_coms
+    shared = ", whose centre of mass is the stated point for all tools" if stated and several else ""
     return f"{masses}; the tool carries {carried}{shared}"
 
 

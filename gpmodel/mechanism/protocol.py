@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 
@@ -239,6 +242,17 @@ class ChangeableLoads(KnownMasses, Protocol):
         """Return the mechanism with a further mass, kg, fixed to the measured frame.
 
         moment: first moment of the mass in the measured frame (mass times centre of mass), kg m.
+        """
+
+
+@runtime_checkable
+class LoadsByTool(Protocol):
+    """A mechanism whose tools may have different centres of mass."""
+
+    def loads_by_tool(self, q: Array, payload: Array, tool: NDArray[np.str_]) -> dict[str, Array]:
+        """Return the loads as Mechanism.loads, with the centre of mass of the tool of each pose.
+
+        tool: label of the tool of each pose (poses,).
         """
 
 

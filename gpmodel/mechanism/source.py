@@ -4,7 +4,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -12,6 +12,7 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.characters import harmless
@@ -69,6 +70,7 @@ class MechanismChoice:
     frame: name of the measured link.
     payload: payload mass, kg, or None.
     payload_com: centre of mass (3,) of the payload in the measured frame, m, or None.
+    tool_coms: centres of mass (3,) of the payloads of several tools in the measured frame, m, by the label of the tool.
     gravity: acceleration of gravity (3,) in the root frame, m/s², or None for that of the description.
     added_mass, added_moment: mass, kg, beyond the description that the measured frame carries, and its first moment
     (3,) in this frame, kg m, or None.
@@ -83,6 +85,7 @@ class MechanismChoice:
     gravity: tuple[float, ...] | None = None
     added_mass: float | None = None
     added_moment: tuple[float, ...] | None = None
+    tool_coms: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         if self.payload is not None:
@@ -165,6 +168,22 @@ class LoadedMechanism:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         return self.bare.loads(q, payload)
 
+    def loads_by_tool(self, q: Array, payload: Array, tool: NDArray[np.str_]) -> dict[str, Array]:
+        """Return the loads with the centre of mass of the tool of each pose.
+
+        Loads are linear in the first moment of the payload: a payload m at c instead of c_0 adds m times the loads by
+        the first moment c - c_0 of a mass of 1 kg. tool: label of the tool of each pose (poses,).
+        """
+        out = self.loads(q, payload)
+        if not self.choice.tool_coms or not out or not isinstance(self.bare, ChangeableLoads):
+            return out
+        start = self.bare.with_mass(1.0, np.asarray(self.bare.payload_com)).loads(q, payload)
+        for label, point in self.choice.tool_coms:
+            end = self.bare.with_mass(1.0, np.array(point)).loads(q, payload)
+            own = np.where(tool == label, payload, 0.0)
+            out = {name: values + own * (end[name] - start[name]) for name, values in out.items()}
+        return out
+
     def unit_loads(self, q: Array) -> dict[str, Array]:
         """Return the loads by unit first moments and masses of links, as WeightByPart.unit_loads; empty if unknown."""
         return self.bare.unit_loads(q) if isinstance(self.bare, WeightByPart) else {}
@@ -198,9 +217,13 @@ class LoadedMechanism:
             raise InputError(f"{self.name}: its loads cannot be changed; expected a serial arm with masses")
         return self.bare
 
-    def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
-        """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame."""
-        return replace(self.choice, payload_com=tuple(float(v) for v in point)).load()
+    def carrying_at(self, point: Iterable[float], by_tool: Mapping[str, Array] | None = None) -> "LoadedMechanism":
+        """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame.
+
+        by_tool: centres of mass of several tools, by the label of the tool.
+        """
+        coms = tuple((label, tuple(com.tolist())) for label, com in (by_tool or {}).items())
+        return replace(self.choice, payload_com=tuple(float(v) for v in point), tool_coms=coms).load()
 
     def __repr__(self) -> str:
         carried = "" if self.choice.payload is None else f", payload {self.choice.payload:g} kg"

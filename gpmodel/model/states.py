@@ -12,7 +12,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Joint, Mechanism, WeightByPart, ball_jointed
+from gpmodel.mechanism.protocol import Joint, LoadsByTool, Mechanism, WeightByPart, ball_jointed
 from gpmodel.model import memory
 from gpmodel.model.memory import Past
 from gpmodel.numerics.se3 import chain
@@ -296,6 +296,13 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
     return np.array([slots.index(tips[name]) for name in dataset.label("tip").tolist()], dtype=np.int64)
 
 
+def loads_at(mechanism: Mechanism, dataset: Dataset) -> dict[str, Array]:
+    """Return the loads at the poses of a table, with the payload and the tool of each pose."""
+    if isinstance(mechanism, LoadsByTool):
+        return mechanism.loads_by_tool(dataset.q, dataset.payload, dataset.label("tool"))
+    return mechanism.loads(dataset.q, dataset.payload)
+
+
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
     """Return all columns that a basis function may use for the poses of `dataset`.
 
@@ -319,7 +326,7 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     tip = frames[tip_slots(mechanism, dataset), np.arange(len(dataset)), :3, 3]
     for name, values in zip("xyz", tip.T, strict=True):
         put(name, values, "m")
-    loads = mechanism.loads(dataset.q, dataset.payload)
+    loads = loads_at(mechanism, dataset)
     instead = {f"torque_{joint.name}": column for joint, column in torque_columns(mechanism, dataset)}
     used = {f"torque_{joint}" for joint in measured_torques(mechanism, dataset)} | (set(instead) - set(loads))
     measured = {name: measured_torque(dataset, column) for name, column in instead.items() if name in used}
@@ -351,7 +358,7 @@ def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array])
     If the payload varies, the torques of the payload are listed columns. If the payload is constant, the torques are
     computed on demand, for a model that was fitted with varying payloads.
     """
-    bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
+    bare = loads_at(mechanism, replace(dataset, payload=np.zeros(len(dataset))))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]
     return {f"{PAYLOAD_SHARE}{t}": loads[t] - bare.get(t, 0.0) for t in torques if t in loads}
 

@@ -22,6 +22,7 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, KnownMasses, Mechanism, closed, unwrapped
+from gpmodel.mechanism.source import choice_of
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import translate
 from gpmodel.model.states import measured_torques
@@ -243,7 +244,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
         for t in e.terms
         if t.slot in chain.slots and (basis := _written(t.basis)) is not None
     )
-    bodies, gravity = _masses(saved, chain, place.tip)
+    bodies, gravity = _masses(saved, chain, place)
     own = {joint.name for joint in saved.mechanism.joints} | set("xyz")
     read = [n for n in dict.fromkeys(name for line in lines for name in line.basis.inputs) if n not in own]
     given = set(kept.input_units) | _measured_torques(saved) | {n for n in read if read_by(n)}
@@ -273,13 +274,14 @@ def _measured_torques(saved: SavedModel) -> set[str]:
     return {f"torque_{joint}" for joint in measured_torques(saved.mechanism, saved.measured.dataset)}
 
 
-def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
+def _masses(saved: SavedModel, chain: Chain, place: Place) -> tuple[tuple[Body, ...], Array]:
     """Return the bodies with mass, and gravity; each of several arms carries only its own links, without payload."""
     tree = branched(saved.mechanism)
-    bare = unwrapped(saved.mechanism) if tree is None else tree.alone(tip)
+    bare = unwrapped(saved.mechanism) if tree is None else tree.alone(place.tip)
     if not isinstance(bare, KnownMasses):
         return (), np.zeros(3)
     slots = dict(zip(bare.slots, range(len(chain.slots)), strict=True))
     bodies = [Body(slots[slot], mass, centre) for slot, (mass, centre) in bare.bodies.items()]
-    carried = Body(len(chain.slots) - 1, float(tree is None), np.asarray(bare.payload_com))
+    com = dict(choice_of(saved.mechanism).tool_coms).get(place.tool, bare.payload_com)
+    carried = Body(len(chain.slots) - 1, float(tree is None), np.asarray(com))
     return (*bodies, carried), bare.gravity
