@@ -1,5 +1,6 @@
 """Import of files of other calibration programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
 
+import json
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -60,19 +61,29 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     return Imported(ET.tostring(robot, encoding="unicode") + "\n", left_out=left)
 
 
+_LINE = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^']|'')*'|[^#"']*?)\s*:\s*([^\s#]+)\s*(?:#.*)?""")
+"""Line of a YAML file: a name, plain or in quotes, and a value."""
+
+
 def _offsets(path: Path) -> dict[str, float]:
     out: dict[str, float] = {}
     for number, line in enumerate(read_text(path, LARGEST_FILE, OFFSETS).splitlines(), 1):
-        if not (text := line.partition("#")[0].strip()) or text == "---":
+        if not (text := line.strip()) or text[0] == "#" or text == "---":
             continue
-        name, found, value = text.rpartition(":")
+        found = _LINE.fullmatch(text)
         try:
-            out[name.strip()] = float(value) if found else math.nan
+            name, value = (_unquoted(found[1]), float(found[2])) if found else ("", math.nan)
         except ValueError:
-            out[name.strip()] = math.nan
-        if not abs(out[name.strip()]) <= LARGEST["length"]:
+            name, value = "", math.nan
+        if not abs(value) <= LARGEST["length"]:
             raise InputError(f"{path.name}, line {number}: {text[:60]!r}; expected {OFFSETS}")
+        out[name] = value
     return out
+
+
+def _unquoted(name: str) -> str:
+    """Return a name of a YAML file without its quotes. Raises ValueError for an escape that JSON lacks."""
+    return str(json.loads(name)) if name.startswith('"') else name.strip("'").replace("''", "'")
 
 
 def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> list[float]:

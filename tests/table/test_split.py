@@ -188,9 +188,18 @@ SLIDE_AND_TURN = """<robot name="r"><link name="a"/><link name="b"/><link name="
 <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 
 
-def test_offsets_of_joints_are_what_their_readings_lack(tmp_path: Path) -> None:
-    (tmp_path / "r.urdf").write_text(SLIDE_AND_TURN)
-    (tmp_path / "found.yaml").write_text("slide: 0.01\nturn: 0.2\nturn_x: 0.003\nhead_camera_fx: 0.02\n")
+@pytest.mark.parametrize(
+    ("turn", "keys"),
+    [
+        ("turn", ("turn", "turn_x")),
+        ("α: axis #1", (r'"\u03b1: axis #1"', "'α: axis #1_x'")),
+        ("arm's turn", ('"arm\'s turn"', "'arm''s turn_x'")),
+    ],
+)
+def test_offsets_of_joints_are_what_their_readings_lack(turn: str, keys: tuple[str, str], tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(SLIDE_AND_TURN.replace('"turn"', f'"{turn}"'), encoding="utf-8")
+    lines = ("# found", "slide: 0.01", f"{keys[0]}: 0.2", f"{keys[1]}: 0.003  # m", "head_camera_fx: 0.02")
+    (tmp_path / "found.yaml").write_text("\n".join(lines), encoding="utf-8")
     options = ("--nominal", tmp_path / "r.urdf", "--out", tmp_path / "c.urdf")
     done = run("import", tmp_path / "found.yaml", *options)
     assert (done.exit_code, done.stderr) == (0, "left out, no joint of r.urdf: head_camera_fx\n")
