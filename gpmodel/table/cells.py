@@ -107,9 +107,11 @@ _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILI
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
-_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?$")
-_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?$")
-_GROUPED = {".": re.compile(r"\d[, ]\d{3}"), ",": re.compile(r"\d[. ]\d{3}")}
+_TYPESET = str.maketrans("\u2212\u00a0\u202f\u2009\u2019", "-   '")
+"""Minus sign, blanks and apostrophe of typeset numbers, as the characters of a keyboard."""
+_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ']\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?°?$")
+_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ']\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?°?$")
+_GROUPED = {".": re.compile(r"\d[, ']\d{3}"), ",": re.compile(r"\d[. ']\d{3}")}
 """Pattern of a number with thousands separators, by decimal sign."""
 
 
@@ -174,7 +176,8 @@ def _check_unpacked(raw: bytes, path: Path) -> None:
 
 
 def decoded(raw: bytes, path: Path) -> tuple[str, str]:
-    """Return the text of a file and its encoding: UTF-8, UTF-16, Windows-1252 or Latin-1.
+    """Return the text of a file, with plain minus signs and blanks, and its encoding: UTF-8, UTF-16, Windows-1252 or
+    Latin-1.
     UTF-16 text is recognised by its byte order mark or by zeros in every other byte. Raises InputError if the file is
     not text."""
     wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
@@ -183,7 +186,7 @@ def decoded(raw: bytes, path: Path) -> tuple[str, str]:
         wide = "utf-16-le"
     for encoding in (wide,) if wide else ("utf-8-sig", "cp1252", "latin-1"):
         with contextlib.suppress(UnicodeDecodeError):
-            text = raw.decode(encoding)
+            text = raw.decode(encoding).translate(_TYPESET)
             if "\0" not in text:
                 return text, encoding.removesuffix("-sig")
     raise InputError(f"{path.name}: is no text; expected a table in UTF-8")

@@ -148,7 +148,7 @@ def _plain(cell: str, decimal: str) -> str:
     """Write a number with a decimal point and without thousands separators; other text is unchanged."""
     if not is_number(cell, decimal):
         return cell
-    return cell.replace("." if decimal == "," else ",", "").replace(" ", "").replace(",", ".")
+    return re.sub(r"[. '°]" if decimal == "," else r"[, '°]", "", cell).replace(",", ".")
 
 
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:

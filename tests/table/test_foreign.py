@@ -51,6 +51,14 @@ def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str
     assert dataset.position[1] == pytest.approx([0.1015, -0.20025, 0.3], abs=1e-12)
 
 
+@pytest.mark.parametrize("line", ["\u221212.5;1\u202f234.5;0.1", "-12,5°;1\u00a0234,5;0,1", "-12.5;1\u2019234.5;0.1",
+                                  "-12.5°;1'234.5;1e-1"])  # fmt: skip
+def test_typeset_numbers_are_numbers(tmp_path: Path, line: str) -> None:
+    (tmp_path / "typeset.csv").write_text("J1;x;y\n" + f"{line}\n" * 3, encoding="utf-8")
+    (sheet,) = read_sheets(tmp_path / "typeset.csv")
+    assert sheet.cells.astype(float).to_numpy().tolist() == [[-12.5, 1234.5, 0.1]] * 3
+
+
 def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
     mapping = f'[columns]\n{JOINTS}\nx = "px - 2*dx [mm]"\nwarmth = "px/100 [degC]"\ngroup = "day"'
     file, path = write(tmp_path, mapping)
