@@ -165,9 +165,10 @@ class Assigner:
     def turned(self) -> list[Fit]:
         """Return the first fit of columns with the joints' names after changes of joint zeros, signs and couplings."""
         names = [axis.name for axis in self.axes]
-        joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
-        points = list(dict.fromkeys(xyz_triples(names, [i for i in sorted(self.values) if i in self.moving])))
-        return list(self._fits(joints[:1], points[:1], (formula_readings,)))
+        joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))[:1]
+        varied = [i for i in sorted(self.values) if i in self.moving and i not in joints[0]] if joints else []
+        points = list(dict.fromkeys(xyz_triples(names, varied)))[:1] or list(windows(varied, 3))
+        return list(self._fits(joints, points, (formula_readings,)))
 
     def _fits(
         self, joints: Iterable[Columns], triples: Sequence[Columns], readings: Sequence[Readings | None]

@@ -134,6 +134,7 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
     assert "'J3' should probably be 'J3' + 'J2'" in found.lines[0]
 
 
+@pytest.mark.parametrize("places", some([",X [mm],Y [mm],Z [mm]", ",,,"], ",,,"))
 @pytest.mark.parametrize("unit", some(["deg", "rad"], "deg"))
 @pytest.mark.parametrize(
     ("signs", "zeros", "said"),
@@ -146,12 +147,12 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
     ],
 )
 def test_zeros_and_signs_of_a_controller_are_undone(
-    unit: str, signs: tuple[int, ...], zeros: tuple[int, ...], said: str, tmp_path: Path
+    unit: str, places: str, signs: tuple[int, ...], zeros: tuple[int, ...], said: str, tmp_path: Path
 ) -> None:
     _, q, p = measured()
     shown = np.array(signs) * q + zeros
     shown = np.round(shown if unit == "deg" else np.radians(shown), 7)
-    header = [",".join([f"A{i} [{unit}]" for i in range(1, 7)]) + ",X [mm],Y [mm],Z [mm]"]
+    header = [",".join([f"A{i} [{unit}]" for i in range(1, 7)]) + places]
     data, found = read(write(tmp_path / "t.csv", header, shown, p))
     same(data)
     assert not found.doubts
