@@ -105,8 +105,8 @@ def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
-            said = f"the dask scheduler at {address} has no workers; start one, as in dask worker {address}"
-            raise InputError(said, "scheduler") from None
+            message = f"the dask scheduler at {address} has no workers; start one, as in dask worker {address}"
+            raise InputError(message, "scheduler") from None
         try:
             yield Cluster(client)
         except (CancelledError, CommClosedError) as error:

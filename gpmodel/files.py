@@ -53,8 +53,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout:
-            said = "another gpmodel process uses this folder; wait for its end, or choose another folder"
-            raise InputError(f"{folder}: {said}") from None
+            message = "another gpmodel process uses this folder; wait for its end, or choose another folder"
+            raise InputError(f"{folder}: {message}") from None
         except NotImplementedError:
             pass  # a file system without locks
     held = folder.resolve()

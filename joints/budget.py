@@ -216,9 +216,9 @@ def error_budget(
     """
     chosen = tuple(s for s in sources if s.kind == kind)
     if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:
-        said = f"{len(chosen)} {kind} sources, {poses} poses, {draws} draws"
+        message = f"{len(chosen)} {kind} sources, {poses} poses, {draws} draws"
         raise InputError(
-            f"error budget: {said}; expected at least one of each, and at most {MOST_DRAWS} draws over all poses"
+            f"error budget: {message}; expected at least one of each, and at most {MOST_DRAWS} draws over all poses"
         )
     q = spread_poses(joint, poses, rng)
     parameters = np.zeros((poses, draws, PARAMETERS))

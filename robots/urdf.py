@@ -49,7 +49,7 @@ def read_urdf(
             )
     if not chain:
         raise InputError(
-            f"{name or path}: no moving joint between the root and link {frame!r}; expected another measured link"
+            f"{name or path}: no moving joint between the root and link {frame!r}; expected a link beyond a joint"
         )
     if len(chain) > LONGEST_CHAIN:
         raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
@@ -119,7 +119,7 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
     before = np.eye(4)
     for row, joint in enumerate(chain):
         if not np.any(joint.axis):
-            raise InputError(f"{path}: joint {joint.name!r} has axis 0 0 0; expected a direction")
+            raise InputError(f"{path}: joint {joint.name!r} has axis 0 0 0; expected a vector longer than zero")
         axis, sign, alignment = _aligned(joint)
         leader, factor, offset = joint.name, 1.0, 0.0
         if joint.mimic is not None and leader not in leaders:

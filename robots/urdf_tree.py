@@ -180,13 +180,13 @@ def read_tree(path: Path) -> UrdfTree:
                     f"expected one of {choices(joint.mimic.leader, sorted(moving))}"
                 )
         if twice or len(roots) != 1:
-            said = (
+            message = (
                 f"'{twice[0]}' is the child of two joints"
                 if twice
                 else f"{', '.join(roots) or 'none'} without a parent"
             )
             raise ValueError(
-                f"links form no tree: {said}; expected one without a parent, and one parent of every other link"
+                f"links form no tree: {message}; expected one without a parent, and one parent of every other link"
             )
         title = re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", robot.get("name", ""))
         tree = UrdfTree(title[0] if title else "", roots[0], masses, joints)

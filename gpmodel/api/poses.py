@@ -390,7 +390,7 @@ def _tool(given: str | Sequence[float] | None, model: Model | None) -> Array:
 def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float | None) -> Sight | None:
     axis = np.array(to_point(normal, "normal"))
     if not axis.any():
-        raise InputError("(0, 0, 0), expected a direction in the measured frame", "normal")
+        raise InputError("(0, 0, 0), expected a vector longer than zero, in the measured frame", "normal")
     half = CONE if cone is None else check_number(cone, "cone", 1e-6, 180.0)
     if instrument is None:
         if cone is not None:

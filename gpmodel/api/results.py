@@ -88,8 +88,8 @@ def _kept(model: Model, folder: Path) -> Iterator[None]:
         save_model(model, folder)
         if not isinstance(error, InputError):
             raise
-        said = f"no report could be made ({error}); the model with the findings is in {folder / MODEL}"
-        raise InputError(said) from None
+        message = f"no report could be made ({error}); the model with the findings is in {folder / MODEL}"
+        raise InputError(message) from None
 
 
 def save_model(model: Model, folder: Path) -> None:

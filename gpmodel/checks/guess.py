@@ -69,8 +69,8 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
         sheet = joined(first, second, how)
         with suppress(InputError):
             return sheet, _guess_as(sheet, mechanism, how)
-    said = f"{first.source} and {second.source}: no common column, no times, and not as many rows"
-    raise refused or InputError(f"{said}; expected --join with a column of each")
+    message = f"{first.source} and {second.source}: no common column, no times, and not as many rows"
+    raise refused or InputError(f"{message}; expected --join with a column of each")
 
 
 def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:

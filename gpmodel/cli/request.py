@@ -51,8 +51,8 @@ def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | 
     if found is None:
         done = folder / result
         if _made_by(done) != command:
-            said = f"{folder} has no unfinished search; expected the folder of an interrupted {command}"
-            raise InputError(said, "resume")
+            message = f"{folder} has no unfinished search; expected the folder of an interrupted {command}"
+            raise InputError(message, "resume")
         echo(f"nothing is left to do in {folder}; report: {done.with_suffix('.html')}")
         ctx.exit()
     try:

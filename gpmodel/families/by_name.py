@@ -39,16 +39,16 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 
     name: name of the effect in the message, if different from the effect's name.
     """
-    said = f"effect '{name or effect.name}'"
+    message = f"effect '{name or effect.name}'"
     if not effect.terms:
-        raise InputError(f"{said}: has no terms; expected one at least, as in (Term('base', 'Rx'),)")
+        raise InputError(f"{message}: has no terms; expected one at least, as in (Term('base', 'Rx'),)")
     for term in effect.terms:
         if term.slot not in places(mechanism):
             raise InputError(
-                f"{said}: slot '{term.slot}' is unknown; available: {choices(term.slot, places(mechanism))}"
+                f"{message}: slot '{term.slot}' is unknown; available: {choices(term.slot, places(mechanism))}"
             )
         if not np.isfinite(term.basis(states)).all():
-            raise InputError(f"{said}: '{term.basis}' is infinite or undefined at some poses")
+            raise InputError(f"{message}: '{term.basis}' is infinite or undefined at some poses")
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:

@@ -135,10 +135,12 @@ class Further:
         """
         if not self.dissimilarity:
             return ""
-        said = f"This machine {self.dissimilarity}; the prior of the type is not used."
+        message = f"This machine {self.dissimilarity}; the prior of the type is not used."
         if self.too_few:
-            raise InputError(f"{said} Without the prior, {len(poses)} poses are too few; expected more poses", argument)
-        return said
+            raise InputError(
+                f"{message} Without the prior, {len(poses)} poses are too few; expected more poses", argument
+            )
+        return message
 
     def in_words(self, poses: Poses) -> str:
         """State how many poses the type's prior is worth, and the effects in which a machine of the type deviates."""

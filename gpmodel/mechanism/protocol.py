@@ -33,8 +33,8 @@ def checked(value: float, dimension: str, where: str) -> float:
 def checked_mass(mass: float, where: str, argument: str = "") -> float:
     """Return a mass, kg. Raises InputError naming `where` if it is negative, beyond LARGEST or not a number."""
     if not 0.0 <= mass <= LARGEST["mass"]:
-        said = f"{where}: " if where else ""
-        raise InputError(f"{said}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
+        message = f"{where}: " if where else ""
+        raise InputError(f"{message}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
     return mass
 
 

@@ -103,11 +103,11 @@ class MechanismChoice:
         try:
             bare = load_mechanism(name, frame=self.frame, payload_com=self.payload_com)
             if taken := [joint.name for joint in bare.joints if joint.name in RESERVED]:
-                said = f"joint '{taken[0]}' has the name of another column of a table; expected another name"
-                raise InputError(f"{name}: {said}, as axis_{taken[0]}")
+                message = f"joint '{taken[0]}' has the name of another column of a table; expected another name"
+                raise InputError(f"{name}: {message}, as axis_{taken[0]}")
             if longer := [joint.name for joint in bare.joints if len(joint.name) > LONGEST_JOINT]:
-                said = f"the name of joint '{longer[0][:20]}...' has {len(longer[0])} characters"
-                raise InputError(f"{name}: {said}; expected at most {LONGEST_JOINT}")
+                message = f"the name of joint '{longer[0][:20]}...' has {len(longer[0])} characters"
+                raise InputError(f"{name}: {message}; expected at most {LONGEST_JOINT}")
             loaded = LoadedMechanism(replace(choice, gravity=None, added_mass=None, added_moment=None), bare)
             if self.gravity is not None:
                 loaded = loaded.with_gravity(self.gravity)

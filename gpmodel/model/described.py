@@ -42,8 +42,8 @@ def read_cameras(content: object, slot: Slot) -> tuple[Camera, ...]:
         bent = table.take("distortion", [])
         numbers = isinstance(bent, list) and all(isinstance(v, int | float) and abs(v) <= MOST_BENT for v in bent)
         if not numbers or len(bent) > 5:
-            said = f"expected at most 5 numbers up to {MOST_BENT:g}, [k1, k2, p1, p2, k3]"
-            raise InputError(f"{table.where}: distortion is {bent!r}, {said}")
+            message = f"expected at most 5 numbers up to {MOST_BENT:g}, [k1, k2, p1, p2, k3]"
+            raise InputError(f"{table.where}: distortion is {bent!r}, {message}")
         known[4 : 4 + len(bent)] = bent
         asked = table.take("solve", ["focal", "centre", "distortion"] if focal is None else [])
         if not isinstance(asked, list) or not set(asked) <= set(SOLVED):
@@ -67,8 +67,8 @@ def read_boards(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, 
             columns, rows = (int(table.number(side)) for side in ("columns", "rows"))
             pitch = table.quantity("pitch", "length", 0.0)
             if not (pitch > 0.0 and 2 <= columns <= MOST_MARKERS and 2 <= rows <= MOST_MARKERS):
-                said = f"pitch_mm above zero, columns and rows from 2 to {MOST_MARKERS}"
-                raise InputError(f"{table.where}: expected {said}")
+                message = f"pitch_mm above zero, columns and rows from 2 to {MOST_MARKERS}"
+                raise InputError(f"{table.where}: expected {message}")
             markers = {str(i): pitch * np.array([i % columns, i // columns, 0.0]) for i in range(columns * rows)}
         else:
             part = TomlTable(points, f"{table.where}: [points_mm]")
@@ -113,7 +113,7 @@ def _direction(table: TomlTable, key: str) -> Array:
     vector = table.needed(key, 3)
     length = np.linalg.norm(vector)
     if not 0.0 < length < np.inf:
-        raise InputError(f"{table.where}: {key} is {vector.tolist()}, expected a direction")
+        raise InputError(f"{table.where}: {key} is {vector.tolist()}, expected a vector longer than zero")
     return np.asarray(vector / length)
 
 

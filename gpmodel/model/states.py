@@ -291,8 +291,8 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
     tips = {"": next(iter(tree.tips.values())), **tree.tips}
     for row, name in zip(dataset.row, dataset.label("tip").tolist(), strict=True):
         if name not in tips:
-            said = f"'{name}' is no tip; expected {choices(name, tree.tips)}"
-            raise InputError(f"{dataset.source}, column 'tip', row {row}: {said}")
+            message = f"'{name}' is no tip; expected {choices(name, tree.tips)}"
+            raise InputError(f"{dataset.source}, column 'tip', row {row}: {message}")
     return np.array([slots.index(tips[name]) for name in dataset.label("tip").tolist()], dtype=np.int64)
 
 

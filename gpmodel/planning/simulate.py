@@ -378,8 +378,8 @@ def _closed(model: ErrorModel, data: Dataset, theta: Array, rng: np.random.Gener
             return data
         if rng is None:
             where = f"at {len(open_rows)} of {len(data)} poses, first at pose {open_rows[0] + 1}"
-            said = f"the loops do not close with these errors {where}; expected poses farther inside the limits"
-            raise InputError(said, "poses")
+            message = f"the loops do not close with these errors {where}; expected poses farther inside the limits"
+            raise InputError(message, "poses")
         q = data.q.copy()
         q[open_rows] = random_poses(model.mechanism, len(open_rows), rng)
         data = replace(data, q=q)

@@ -228,8 +228,8 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     text, _ = decoded(raw, path)
     header = text.lstrip().splitlines()[0]
     if len(header) > LONGEST_HEADER:
-        said = f"expected at most {MOST_COLUMNS} columns in {LONGEST_HEADER}"
-        raise InputError(f"{path.name}, line 1: a header of {len(header)} characters; {said}")
+        message = f"expected at most {MOST_COLUMNS} columns in {LONGEST_HEADER}"
+        raise InputError(f"{path.name}, line 1: a header of {len(header)} characters; {message}")
     separator, _ = separator_and_decimal(text.lstrip().splitlines(), OF_TABLES)
     names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
     if header.startswith(COMMENTS) or not np.isnan(pd.to_numeric(names[0].replace(",", "."), errors="coerce")):

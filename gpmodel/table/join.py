@@ -64,8 +64,10 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
     """
     if how == ORDER:
         if len(first.cells) != len(second.cells):
-            said = f"{len(first.cells)} rows, {second.source} has {len(second.cells)}"
-            raise InputError(f"{first.source}: {said}; expected equal numbers, or --join with a column of both files")
+            message = f"{len(first.cells)} rows, {second.source} has {len(second.cells)}"
+            raise InputError(
+                f"{first.source}: {message}; expected equal numbers, or --join with a column of both files"
+            )
         return _beside(first, second, np.arange(len(first.cells)), np.arange(len(second.cells)), how)
     if how.startswith(ROWS):
         pairs = np.array([pair for text in how.removeprefix(ROWS).split(",") for pair in _stretch(text)])

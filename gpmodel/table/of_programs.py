@@ -210,7 +210,7 @@ def _lens(content: dict[str, object], path: Path) -> dict[str, object]:
 def _side(content: dict[str, object], key: str, path: Path) -> int:
     given = content.get(key)
     if not isinstance(given, int) or given < 2:
-        raise InputError(f"{path.name}: {key} is {given}; expected corners along that side of the board")
+        raise InputError(f"{path.name}: {key} is {given}; expected a whole number of corners, at least 2")
     return given
 
 
@@ -302,7 +302,7 @@ def _lines(path: Path) -> dict[str, Array]:
             except ValueError:
                 values = np.zeros(0)
             if len(values) != len(NAMES) or not (np.abs(values) <= LARGEST["length"]).all():
-                said = f"{path.name}: {name} is [{text.strip()[:60]}]"
-                raise InputError(f"{said}; expected {len(NAMES)} numbers of at most {LARGEST['length']:g} m or rad")
+                message = f"{path.name}: {name} is [{text.strip()[:60]}]"
+                raise InputError(f"{message}; expected {len(NAMES)} numbers of at most {LARGEST['length']:g} m or rad")
             found[name] = values
     return found

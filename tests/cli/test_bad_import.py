@@ -116,7 +116,11 @@ DESCRIBED = {
         "rows is missing; expected one",
     ),
     "a board beyond count": ("board", {"board": {"B": BOARD | {"columns": 10**9}}}, "columns and rows from 2 to 1000"),
-    "a plane that looks nowhere": ("surfaces", {"plane": {"P": {"normal": [0, 0, 0]}}}, "normal is [0.0, 0.0, 0.0]"),
+    "a plane that looks nowhere": (
+        "surfaces",
+        {"plane": {"P": {"normal": [0, 0, 0]}}},
+        "normal is [0.0, 0.0, 0.0], expected a vector longer than zero",
+    ),
     "a line to nowhere": ("surfaces", {"line": {"L": {"direction": [0, 0, 0]}}}, "direction is [0.0, 0.0, 0.0]"),
     "a sphere below zero": ("surfaces", {"sphere": {"S": {"diameter_mm": -5}}}, "diameter is -5 mm, expected zero or"),
     "a probe below zero": ("surfaces", {"probe_diameter_mm": -5}, "probe_diameter is -5 mm, expected zero or more"),
