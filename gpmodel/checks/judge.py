@@ -1,9 +1,8 @@
 """Check a measured table for errors before any search."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
+from gpmodel.checks.lenses import ADVICE, another_lens, with_fitted_lenses
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
@@ -21,7 +21,6 @@ from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
-from gpmodel.model.instruments import with_observations
 from gpmodel.model.observation import Distance, Observation
 from gpmodel.model.observed import Observed
 from gpmodel.model.pixel import Pixels
@@ -31,27 +30,6 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.progress import Reporter
 from gpmodel.table.blocks import SAME_JOINT, USUAL, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
-
-
-def another_centre(model: ErrorModel, data: Dataset) -> str | None:
-    """Name the cameras with a wrong stated principal point: the residual becomes small if the point is fitted."""
-    described: Mapping[str, Any] = data.described.get("cameras", {})
-    cameras: Mapping[str, Mapping[str, Any]] = described.get("camera", {})
-    stated = {name: c for name, c in cameras.items() if "centre_px" in c and not c.get("solve")}
-    if not stated:
-        return None
-    solved = {**described, "camera": {**cameras, **{n: {**c, "solve": ["centre"]} for n, c in stated.items()}}}
-    poses = prepare(model.mechanism, with_observations(data, model.mechanism, {**data.described, "cameras": solved}))
-    fit = calibrate(model, poses)
-    if (left := root_mean_square(fit.fitted_error)) > POOR:
-        return None
-    found = [(name, fit.placement.anchors[f"lens {name}"], c["centre_px"]) for name, c in stated.items()]
-    said = [f"camera {n} has {x[0]:.0f}, {x[1]:.0f} px, described as {c[0]:.0f}, {c[1]:.0f}" for n, x, c in found]
-    return (
-        f"centre_px is wrong (was the image rotated or cropped?): {'; '.join(said)}; residual with the "
-        f"fitted centre: {1e3 * left:.3g} mm RMS"
-    )
-
 
 NOBODY = Reporter()
 MOST_FITTED, STRETCH = 2000, 50
@@ -86,8 +64,8 @@ def check_dataset(
 
     standard: the geometric constants to fit (default: all). With more than MOST_FITTED rows, fits use stretches of rows
     spread evenly over the table, and a note states the number of rows. Errors: joint values beyond limits, wrong units
-    or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `built_wrong`,
-    `poor_fit` and `warnings_of`. Notes on the table: see the function `notes`.
+    or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `another_lens` and
+    `warnings_of`; `built_wrong` and `poor_fit` if no lens is wrong. Notes on the table: see the function `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -105,9 +83,12 @@ def check_dataset(
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
     another = f"the description of {mechanism.name} does not match the measurements"
-    wrong = [Remark("warning", text, another) for text in built_wrong(fit, poses)]
+    if lens := another_lens(fit, poses):
+        wrong = [Remark("warning", lens, "a lens does not match the images" if [*poor_fit(fit)] else "")]
+    else:
+        wrong = [Remark("warning", text, another) for text in built_wrong(fit, poses)]
+        wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
-    wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     sizes = [Remark(*said) for said in scaled(fit, poses)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses, (bare, fit), noise_floor(data))
@@ -122,9 +103,6 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     The reason is empty if compliances of base and joints explain the residual.
     """
     for text in poor_fit(fit):
-        if lens := another_centre(fit.model, poses.dataset):
-            yield lens, "centre_px does not match the images"
-            continue
         pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
         soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))
         left = (
@@ -250,6 +228,12 @@ def _left(observed: Observed, kind: Observation) -> float:
     return root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings])
 
 
+def _images_fit(mechanism: Mechanism, poses: Poses, spread: float) -> bool:
+    """Return whether registration and tool explain the pixels of a table."""
+    observed = _nominal(mechanism, poses)
+    return all(_left(observed, kind) < UNLIKE * spread for kind in observed.kinds if isinstance(kind, Pixels))
+
+
 def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
     """Yield an error for distances, touches and pixels that a fit of registration and tool hardly explains."""
     data = poses.dataset
@@ -271,9 +255,13 @@ def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
             if isinstance(kind, Pixels):
                 turned = replace(kind, values=kind.values[:, ::-1])
                 others = tuple(turned if isinstance(one, Pixels) else one for one in data.observations)
-                again = _nominal(mechanism, replace(poses, dataset=replace(data, observations=others)))
-                exchanged = all(_left(again, one) < UNLIKE * spread for one in again.kinds if isinstance(one, Pixels))
-                expected += ": u and v look exchanged" if exchanged else IMAGES
+                solved = with_fitted_lenses(poses)
+                if _images_fit(mechanism, replace(poses, dataset=replace(data, observations=others)), spread):
+                    expected += ": u and v look exchanged"
+                elif solved is not None and _images_fit(mechanism, solved, spread):
+                    expected += f": the lens of a camera is not the described one; {ADVICE}"
+                else:
+                    expected += IMAGES
             scale, unit = (1e3, "mm") if kind.unit == "m" else (1.0, kind.unit)
             yield (
                 f"{data.source}, column '{kind.name}': does not fit {mechanism.name}: the residual is "
