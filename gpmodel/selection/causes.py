@@ -2,11 +2,11 @@
 
     p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all candidate groups
 
-L is the objective of the selection: log marginal likelihood minus penalty, nats; a joint group that gains at more than
-half of its sites has a penalty for each. The other groups are re-estimated with h, and groups that h makes superfluous
-are deleted. Candidates that differ only in constants inside their basis functions, such as a time constant, are one
-cause. A joint group of several sites that contains g is no cause, because it adds other sites. All unnamed candidates
-together are one cause, "none of these". Sources: Wang (2020), sum of single effects; Raftery (1997), model averaging.
+L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated with
+h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
+functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because a
+joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang
+(2020), sum of single effects; Raftery (1997), averaging over models near the best model.
 """
 
 from collections.abc import Iterable, Sequence
@@ -23,7 +23,7 @@ from gpmodel.selection.group import Group, is_curve
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.scan import Scan, beside_curves
 from gpmodel.selection.smooth_terms import nats_without_a_name
-from gpmodel.selection.sparse_bayes import named_by_site, prune, reestimate
+from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
 """Candidates within NEAR nats of the best log evidence, at most MOST, are re-estimated; others are improbable (<
@@ -61,9 +61,8 @@ def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequ
     """Compute the probability of each candidate effect to be the true cause of a finding. g: number of its group."""
     near, groups = dict(_near(model, g)), model.pool.groups
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
-    nats = {h: named_by_site(trial).objective for h, trial in near.items()}
-    total = float(logsumexp([*nats.values(), *unnamed]))
-    named = {h: float(np.exp(value - total)) for h, value in nats.items() if _named(groups[h])}
+    total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
+    named = {h: float(np.exp(trial.objective - total)) for h, trial in near.items() if _named(groups[h])}
     lines = [*_lines(model, g, named), (1.0 - sum(named.values()), ())]
     lines.sort(key=lambda line: -line[0])
     kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERAGE))]
