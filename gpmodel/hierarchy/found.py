@@ -1,6 +1,6 @@
 """Select effects that machines of one type have in common, and effects of each machine alone."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -18,7 +18,7 @@ from gpmodel.evidence.dependence import depends_on_time
 from gpmodel.evidence.residual import Residual, independent_blocks, residual_of
 from gpmodel.evidence.score import fitted, with_refitted_noise
 from gpmodel.evolution.chance import permutation_p_value
-from gpmodel.evolution.variances import best
+from gpmodel.evolution.variances import DECADES, GRID, best
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
@@ -40,9 +40,9 @@ Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
 class PooledGroup:
     """A candidate group of effects, scored on all machines.
 
-    nats: net gain at the best common prior variance, nats.
-    typical: whether more than half of the machines gain at the common variance, and the net gain without the machine of
-    largest gain is positive.
+    nats: net gain at the best prior variances of mean and machines, nats.
+    typical: whether more than half of the machines gain at the best common variance about zero, and the net gain
+    without the machine of largest gain is positive.
     """
 
     nats: float
@@ -78,28 +78,64 @@ def select_for_type(
 def pooled(machines: Sequence[Residual], group: Group) -> PooledGroup:
     """Score a candidate group on all machines. The noise of each machine is estimated with the group.
 
-        gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
+        b_i = μ + δ_i,   μ ~ N(0, a P),   δ_i ~ N(0, d P)                 b_i: coefficients of machine i; P: prior
 
-    The prior variance a and the penalty are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i =
-    VᵀX_iᵀr_i / σ_i². X_i are the columns of the group after projection onto the complement of the model of machine i;
-    r_i is its residual.
+    The prior variances a of the mean and d of the machines are those of the largest marginal likelihood. Machines that
+    agree hence pay once for the size of a coefficient, not once a machine.
     """
     spectra = [_spectrum(of, group, of.values[:, None]) for of in machines]
     gains = _gains(machines, group, spectra)
     others = [k for k in range(len(machines)) if k != int(np.argmax(gains))]
     rest = _gains([machines[k] for k in others], group, [spectra[k] for k in others])
     typical = float(np.mean(gains > 0.0)) > 0.5 and float(np.sum(rest)) > group.cost
-    return PooledGroup(float(np.sum(gains)) - group.cost, typical)
+    (gain,), (own,), (mean,) = _with_common_mean(group, spectra)
+    fits = zip(machines, _fits(spectra, own, mean), strict=True)
+    noise = [float(with_refitted_noise(np.zeros(1), np.array([fit]), float(of.freedom))[0]) for of, fit in fits]
+    return PooledGroup(float(gain) + sum(noise) - group.cost, typical)
 
 
-def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the log evidence gain of each machine by a group of effects at the best common prior variance, nats."""
-    s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
+Spectrum = tuple[Array, Array, Array]
+"""Eigenvalues s and eigenvectors V of S = XᵀX, and VᵀXᵀr for each residual r. X: columns of a group, over the noise."""
+
+
+def _with_common_mean(group: Group, spectra: Sequence[Spectrum]) -> tuple[Array, Array, Array]:
+    """Return for each residual the log evidence gain, nats, and its variances d of the machines and a of the mean.
+
+    Given d, machine i has the information W_i = S_i (1 + d S_i)⁻¹ about μ, and the gain is that of the machines about
+    zero plus that of μ.
+    """
+    s, turn, q = (np.array(part) for part in zip(*spectra, strict=True))
+    trials = q.shape[1]
+    found = np.full((3, trials), -np.inf)
+    for d in (0.0, *(group.cap**2 * 10.0 ** -np.linspace(0.0, DECADES, GRID))):
+        left = 1.0 / (1.0 + d * s)
+        about_zero = 0.5 * np.sum(d * q**2 * left[:, None] + np.log(left)[:, None], axis=(0, 2))
+        sizes, basis = np.linalg.eigh(np.einsum("mik,mk,mjk->ij", turn, s * left, turn))
+        along = np.einsum("mik,mbk->bi", turn, left[:, None] * q) @ basis
+        gains, a = best(np.tile(sizes, (trials, 1)), along, np.full(trials, group.cap))
+        here = np.array([about_zero + gains, np.full(trials, d), a])
+        found = np.where(here[0] > found[0], here, found)
+    return found[0], found[1], found[2]
+
+
+def _fits(spectra: Sequence[Spectrum], d: float, a: float) -> Iterator[float]:
+    """Yield the misfit that each machine's posterior mean of a group removes. d, a: variances of machines and mean."""
+    information = sum((turn * (s / (1.0 + d * s))) @ turn.T for s, turn, _ in spectra)
+    towards = sum(turn @ (q[0] / (1.0 + d * s)) for s, turn, q in spectra)
+    mean = a * np.linalg.solve(np.eye(len(towards)) + a * information, towards)
+    for s, turn, q in spectra:
+        own = turn.T @ mean
+        yield float(q[0] @ (own + d * (q[0] - s * own) / (1.0 + d * s)))
+
+
+def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[Spectrum]) -> Array:
+    """Return the log evidence gain of each machine by a group of effects at the best variance about zero, nats."""
+    s, q = (np.concatenate([spectrum[k] for spectrum in spectra], axis=-1) for k in (0, 2))
     variance = float(best(s[None], q, np.array([group.cap]))[1][0])
     return np.array([_gain(of, variance, *own) for of, own in zip(machines, spectra, strict=True)])
 
 
-def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
+def _gain(of: Residual, variance: float, s: Array, _: Array, q: Array) -> float:
     """Return the log evidence gain of a group of effects on one machine at a given prior variance, nats."""
     ratio = 1.0 + variance * s
     gain = 0.5 * float(np.sum(variance * q[0] ** 2 / ratio - np.log(ratio)))
@@ -107,22 +143,21 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
     return float(with_refitted_noise(np.array([gain]), fit, float(of.freedom))[0])
 
 
-def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
-    """Return eigenvalues of a group's XᵀX and products of the eigenvectors with Xᵀr, for each residual r in `trials`.
-    X: columns of the group, over the noise. A residual has measured rows and prior rows."""
+def _spectrum(of: Residual, group: Group, trials: Array) -> Spectrum:
+    """Return the spectrum of a group for each residual in `trials`, which have measured rows and prior rows."""
     left, _ = of.projected(group.effects)
     x = left * np.linalg.norm(of.columns(group.effects), axis=0) * np.array(group.spreads) / of.sigma
     s, turn = np.linalg.eigh(x.T @ x)
-    return np.maximum(s, 0.0), (trials.T / of.sigma) @ x @ turn
+    return np.maximum(s, 0.0), turn, (trials.T / of.sigma) @ x @ turn
 
 
 def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.Generator, count: int) -> Array:
     """Return the largest pooled net gain of any group of effects on residuals permuted within each machine, nats."""
     trials, most = [of.permuted(rng, count) for of in machines], np.full(count, -np.inf)
     for group in groups:
-        spectra = [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]
-        s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
-        gains, _ = best(np.tile(s, (count, 1)), q, np.full(count, group.cap))
+        gains, _, _ = _with_common_mean(
+            group, [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]
+        )
         most = np.maximum(most, gains - group.cost)
     return most
 

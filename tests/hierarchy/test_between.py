@@ -1,17 +1,19 @@
 """Test mean and spread between machines, and outlying machines, on simulated numbers."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from fleet_cases import GEOMETRY, MECHANISM, NOISE, curved
 from instances import some
-from scipy import stats
+from scipy import linalg, stats
 
 import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
 from gpmodel.executor import ALONE
 from gpmodel.families.candidate import Candidate
@@ -24,7 +26,11 @@ from gpmodel.hierarchy.found import (
     FleetSearch,
     MachineFindings,
     MachineSearch,
+    _common,
+    _spectrum,
+    _with_common_mean,
     found_on_type,
+    pooled,
     select_for_type,
 )
 from gpmodel.mechanism.branches import random_poses
@@ -34,6 +40,7 @@ from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 from gpmodel.planning.simulate import simulate
 from gpmodel.progress import Reporter, silent
 from gpmodel.report.fleet import summary
+from gpmodel.selection.group import Group
 
 FLEETS, MACHINES, PARAMETERS = 30, 12, 8
 
@@ -203,11 +210,43 @@ def selected(tasks: Sequence[MachineSearch], proposals: dict[str, Candidate]) ->
     return {c.name for c in found}
 
 
+AGREEING = ((BASE,), (BASE,), (BASE, STRONG))
+
+
+@cache
+def base_group() -> tuple[list[Residual], Group]:
+    """Residuals of machines whose bases yield alike, and the group of the base's compliance."""
+    tasks = fleet(5, AGREEING)
+    machines = [task.residual((), Criteria()) for task in tasks]
+    group = _common(named(tasks)["base compliance"], machines)
+    assert group is not None
+    return machines, group
+
+
+def test_machines_that_agree_pay_once_for_a_common_coefficient() -> None:
+    """Half the machines with the opposite sign are as likely one by one, and less likely as machines of one type."""
+    machines, group = base_group()
+    turned = [replace(of, values=of.values * sign) for of, sign in zip(machines, (1.0, -1.0, 1.0), strict=True)]
+    assert pooled(machines, group).nats > pooled(turned, group).nats + 5.0
+
+
+def test_the_pooled_gain_is_the_log_evidence_of_all_rows_together() -> None:
+    machines, group = base_group()
+    spectra = [_spectrum(of, group, of.values[:, None]) for of in machines]
+    (gain,), (own,), (mean,) = _with_common_mean(group, spectra)
+    size = len(group.effects)
+    s = linalg.block_diag(*(turn * s @ turn.T for s, turn, _ in spectra))
+    q = np.concatenate([turn @ q[0] for _, turn, q in spectra])
+    prior = np.kron(mean * np.ones((3, 3)) + own * np.eye(3), np.eye(size))
+    evidence = np.eye(len(q)) + prior @ s
+    assert gain == pytest.approx(0.5 * (q @ np.linalg.solve(evidence, prior @ q) - np.linalg.slogdet(evidence)[1]))
+
+
 @pytest.mark.parametrize(
     ("effects", "expected"),
     [
         pytest.param(((BASE,),) * 4, {"base compliance"}, marks=pytest.mark.long),
-        (((BASE,), (BASE,), (BASE, STRONG)), {"base compliance"}),
+        (AGREEING, {"base compliance"}),
         pytest.param(((), (), (STRONG,), ()), set(), marks=pytest.mark.long),
         (((),) * 4, set()),
         pytest.param(((BASE, STRONG),) * 3, {"base compliance", "joint compliance, J3"}, marks=pytest.mark.long),
