@@ -56,14 +56,14 @@ def select_for_type(
 
     Each step adds the candidate with the largest pooled net gain, if the candidate is typical (no effect of a minority)
     and passes the limits of `criteria`: net gain, permutation null over all candidates, pooled cross-validation. After
-    each addition, a selected candidate that fails given all other candidates is deleted for good.
+    each addition, a selected candidate that explains less than another, given the others, is exchanged for it; one that
+    fails given all other candidates is deleted for good.
     """
     rng, chosen, left = np.random.default_rng(seed), dict[str, Candidate](), dict(proposals)
     while left:
         machines = residuals(tuple(chosen.values()))
-        groups = {name: group for name, c in left.items() if (group := _common(c, machines)) is not None}
-        scored = {name: pooled(machines, group) for name, group in groups.items()}
-        typical = {name: score.nats for name, score in scored.items() if score.typical}
+        groups = _groups(left, machines)
+        typical = _typical(groups, machines)
         name = max(typical, key=typical.__getitem__, default=None)
         if name is None or not _passes(machines, groups[name], typical[name], criteria):
             break
@@ -71,6 +71,7 @@ def select_for_type(
         if permutation_p_value(typical[name], null).p >= criteria.significance:
             break
         chosen[name] = left.pop(name)
+        chosen = _exchanged(chosen, left, residuals)
         chosen = _weeded(chosen, residuals, criteria)
     return tuple(chosen.values())
 
@@ -160,6 +161,33 @@ def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.
         )
         most = np.maximum(most, gains - group.cost)
     return most
+
+
+def _exchanged(chosen: dict[str, Candidate], left: dict[str, Candidate], residuals: Residuals) -> dict[str, Candidate]:
+    """Return the selected candidates, each exchanged for a typical candidate of `left` with a larger net gain in its
+    place, the largest increase first; exchanged candidates leave `left` for good."""
+    while len(chosen) > 1:
+        full, gains = residuals(tuple(chosen.values())), dict[tuple[str, str], float]()
+        for own, candidate in chosen.items():
+            without = [of.without(candidate.effects) for of in full]
+            nats = _typical(_groups({own: candidate, **left}, without), without)
+            gains |= {(own, name): n - nats.get(own, 0.0) for name, n in nats.items() if name != own}
+        own, name = max(gains, key=gains.__getitem__, default=("", ""))
+        if not gains or gains[own, name] <= 0.0:
+            return chosen
+        chosen = {(name if n == own else n): left.pop(name) if n == own else c for n, c in chosen.items()}
+    return chosen
+
+
+def _groups(proposals: Mapping[str, Candidate], machines: Sequence[Residual]) -> dict[str, Group]:
+    """Return the group of each candidate that all machines can have."""
+    return {name: group for name, c in proposals.items() if (group := _common(c, machines)) is not None}
+
+
+def _typical(groups: Mapping[str, Group], machines: Sequence[Residual]) -> dict[str, float]:
+    """Return the pooled net gains of the typical groups."""
+    scored = {name: pooled(machines, group) for name, group in groups.items()}
+    return {name: score.nats for name, score in scored.items() if score.typical}
 
 
 def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criteria) -> dict[str, Candidate]:

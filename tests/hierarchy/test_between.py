@@ -27,6 +27,7 @@ from gpmodel.hierarchy.found import (
     MachineFindings,
     MachineSearch,
     _common,
+    _exchanged,
     _spectrum,
     _with_common_mean,
     found_on_type,
@@ -228,6 +229,20 @@ def test_machines_that_agree_pay_once_for_a_common_coefficient() -> None:
     machines, group = base_group()
     turned = [replace(of, values=of.values * sign) for of, sign in zip(machines, (1.0, -1.0, 1.0), strict=True)]
     assert pooled(machines, group).nats > pooled(turned, group).nats + 5.0
+
+
+def test_a_cause_that_was_selected_too_early_is_exchanged() -> None:
+    tasks = fleet(5, AGREEING)
+    pool = named(tasks)
+    early, late, better = (
+        pool[name] for name in ("parallel-bar closure, J2", "joint compliance, J3", "base compliance")
+    )
+    left = {better.name: better}
+    found = _exchanged(
+        {c.name: c for c in (early, late)}, left, lambda some: [t.residual(some, Criteria()) for t in tasks]
+    )
+    assert list(found) == [better.name, late.name]
+    assert not left
 
 
 def test_the_pooled_gain_is_the_log_evidence_of_all_rows_together() -> None:
