@@ -19,7 +19,7 @@ from gpmodel.mechanism.protocol import LARGEST, Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations
-from gpmodel.model.observation import Orientation, observations
+from gpmodel.model.observation import Orientation, Weights, observations
 from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import frame_of, read_frame
 from gpmodel.table.dataset import EXPECTED, TOUCHED, Dataset, specification, with_payload
@@ -162,15 +162,19 @@ def dataset_of(
     return with_payload(dataset, payload)
 
 
-def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str, float] = LARGEST) -> float:
-    """Convert the size of one measurement, text with a unit, to metres; pixels and angles by the weights of the table.
+def in_metres(
+    value: str | float, dataset: Dataset, name: str, most: Mapping[str, float] = LARGEST, weights: Weights | None = None
+) -> float:
+    """Convert the size of one measurement, text with a unit, to metres; pixels and angles by the weights of a fit.
 
     Raises InputError naming the argument for a unit that no measurement of the table has, or a value above `most`.
     """
     _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
         if not isinstance(kind, Orientation) and factor_like(unit, kind.unit) is not None:
-            return kind.metres * to_si(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
+            return (weights or {}).get(kind.name, kind.metres) * to_si(
+                value, DIMENSIONS[kind.unit], name, positive=True, most=most
+            )
     return to_si(value, "length", name, positive=True, most=most)
 
 

@@ -128,7 +128,9 @@ def judged_by(
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
     rows = fresh[evenly(len(fresh))]
     found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order), significance)
-    limit = None if tolerance is None else 1e3 * in_metres(tolerance, found.session.poses.dataset, "tolerance")
+    session = found.session
+    data, weights = session.poses.dataset, session.saved.weights
+    limit = None if tolerance is None else 1e3 * in_metres(tolerance, data, "tolerance", weights=weights)
     missed = None if targets is None else misses_of(found.session, targets.subset(rows))
     others = None
     if len(rows) < len(fresh) and not dataset.observations:
