@@ -39,23 +39,9 @@ UNITS = {
 }  # fmt: skip
 """Spellings of units in files of other programs, in lower case, by unit."""
 BEHIND = (
-    "mm",
-    "cm",
-    "um",
-    "m",
-    "in",
-    "inch",
-    "inches",
-    "deg",
-    "degree",
-    "degrees",
-    "rad",
-    "degc",
-    "kg",
-    "s",
-    "sec",
-    "ms",
-)
+    "mm", "cm", "um", "µm", "m", "in", "inch", "inches", "deg", "degree", "degrees", "°", "grad", "rad", "degc", "°c",
+    "celsius", "kg", "s", "sec", "ms",
+)  # fmt: skip
 """Units that are recognised without brackets at the end of a column name."""
 _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")

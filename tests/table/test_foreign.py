@@ -11,7 +11,7 @@ from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
 from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
 from gpmodel.table.join import read_files
-from gpmodel.table.layout import read_sheets
+from gpmodel.table.layout import name_and_unit, read_sheets
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 
@@ -57,6 +57,15 @@ def test_typeset_numbers_are_numbers(tmp_path: Path, line: str) -> None:
     (tmp_path / "typeset.csv").write_text("J1;x;y\n" + f"{line}\n" * 3, encoding="utf-8")
     (sheet,) = read_sheets(tmp_path / "typeset.csv")
     assert sheet.cells.astype(float).to_numpy().tolist() == [[-12.5, 1234.5, 0.1]] * 3
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [("Temperature in °C", ("Temperature", "degC")), ("Temp °C", ("Temp", "degC")), ("J1 °", ("J1", "deg")),
+     ("X_mm", ("X", "mm")), ("A1/Grad", ("A1", "deg")), ("dz µm", ("dz", "um"))],
+)  # fmt: skip
+def test_a_unit_behind_a_name_is_its_unit(header: str, expected: tuple[str, str]) -> None:
+    assert name_and_unit(header) == (*expected, False)
 
 
 def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
