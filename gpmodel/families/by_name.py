@@ -7,7 +7,7 @@ from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.model.effect import Effect, effect_at
-from gpmodel.model.sites import in_mechanism_names
+from gpmodel.model.sites import in_mechanism_names, with_joint_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
@@ -26,9 +26,9 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
             f"effect '{name}': '=VALUE' is for simulate only; expected the name alone, since the value is fitted"
         )
     if name.count(":") == 2:
-        effects = tuple(in_mechanism_names(effect, mechanism, states) for effect in _written_out(name))
+        effects = (in_mechanism_names(_written_out(name, mechanism), mechanism, states),)
     else:
-        effects = _of_catalogue(name, mechanism, states)
+        effects = _of_catalogue(with_joint_names(name, mechanism), mechanism, states)
     for effect in effects:
         check_defined(effect, mechanism, states, name)
     return effects
@@ -65,9 +65,11 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
     return effects_named(name, mechanism, states)
 
 
-def _written_out(name: str) -> tuple[Effect, ...]:
+def _written_out(name: str, mechanism: Mechanism) -> Effect:
     slot, axis, text = (part.strip() for part in name.split(":"))
-    return (effect_at(name, slot, axis, Expression(text)),)
+    return effect_at(
+        name, with_joint_names(slot, mechanism), axis, Expression(with_joint_names(text, mechanism, "[ _]"))
+    )
 
 
 def _of_catalogue(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:

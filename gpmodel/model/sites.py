@@ -62,6 +62,17 @@ def translate(text: str, names: Mapping[str, str]) -> str:
     return _WORD.sub(said, text)
 
 
+def with_joint_names(text: str, mechanism: Mechanism, signs: str = r"[\W_]") -> str:
+    """Replace names of joints as a description or a table spells them, such as `Achse 3`, by the mechanism's `Achse_3`.
+
+    signs: pattern of the characters that an underscore of the mechanism's name replaces.
+    """
+    for name in sorted((joint.name for joint in mechanism.joints), key=len, reverse=True):
+        if not name.startswith("_"):  # of a joint whose name begins with a digit
+            text = re.sub(rf"(?<![^\W_]){name.replace('_', signs)}(?![^\W_])", name, text)
+    return text
+
+
 def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
     """Map names with J1 to Jn of joints and loads to the mechanism's names, except names of the table's columns."""
     own = [joint.name for joint in mechanism.joints]
@@ -169,7 +180,10 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
         return ()
     chosen: set[str] = set()
     for pattern in patterns:
-        fits = [e.name for e in everything if any(fnmatchcase(n, pattern) for n in _aliases(e.name, mechanism))]
+        known = {pattern, with_joint_names(pattern, mechanism)}
+        fits = [
+            e.name for e in everything if any(fnmatchcase(n, k) for n in _aliases(e.name, mechanism) for k in known)
+        ]
         if not fits:
             raise InputError(
                 f"'{pattern}' fits no parameter; available: {everything[0].name} to {everything[-1].name}", "standard"

@@ -22,6 +22,7 @@ from gpmodel.formula.expression import Columns, Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.error_model import prepare
+from gpmodel.model.sites import standard_effects
 from gpmodel.model.states import States
 
 MECHANISM, MADE = robot(20)
@@ -76,6 +77,18 @@ def test_a_joint_whose_name_is_a_number_is_meant_by_it(tmp_path: Path) -> None:
     states = prepare(arm, made.dataset).states
     for name in ("gear_harmonic 4", "gear_harmonic J4", "gear_harmonic _4"):
         assert {slot for e in effects_named(name, arm, states) for slot in e.slots} == {"_4.moving"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["joint compliance, shoulder lift joint", "joint_compliance shoulder-lift_joint",
+     "shoulder-lift joint.moving:Rz:torque_shoulder lift joint"],
+)  # fmt: skip
+def test_a_joint_is_named_as_its_description_or_table_spells_it(name: str) -> None:
+    arm, made = robot(20, name="ur5")
+    states = prepare(arm, made.dataset).states
+    assert {slot for e in effects_named(name, arm, states) for slot in e.slots} == {"shoulder_lift_joint.moving"}
+    assert len(standard_effects(arm, ("shoulder lift-joint R?",))) == 3
 
 
 JOINT = mechanism("ur5").joints[3]
