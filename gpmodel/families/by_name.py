@@ -26,7 +26,7 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
             f"effect '{name}': '=VALUE' is for simulate only; expected the name alone, since the value is fitted"
         )
     if name.count(":") == 2:
-        effects = (in_mechanism_names(_written_out(name, mechanism), mechanism, states),)
+        effects: tuple[Effect, ...] = (in_mechanism_names(_written_out(name, mechanism), mechanism, states),)
     else:
         effects = _of_catalogue(with_joint_names(name, mechanism), mechanism, states)
     for effect in effects:

@@ -18,14 +18,16 @@ from instances import some
 from latex_reading import read_latex
 from scipy.interpolate import RegularGridInterpolator
 
+import gpmodel as gp
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports import make
 from gpmodel.application.exports.dh import Convention, dh_text
-from gpmodel.application.exports.forward import chain_of
+from gpmodel.application.exports.forward import chain_of, forward_of
 from gpmodel.application.exports.make import Exports, exports_of
 from gpmodel.application.exports.rigid import refitted
 from gpmodel.application.exports.sample import Place
+from gpmodel.application.exports.sources import numpy_text
 from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import usable, without_instrument
@@ -112,6 +114,20 @@ def test_the_numpy_source_is_the_model(model: Model, exports: Exports) -> None:
     exec(text, module.__dict__)
     q = fresh(model)
     np.testing.assert_allclose(module.predict(q), points(model, q), atol=1e-11)
+
+
+def test_the_numpy_source_assumes_no_input_that_predict_needs() -> None:
+    columns = {"temperature [degC]": "18:25", "payload [kg]": "0|30|60"}
+    made, names = gp.simulate("irb6400r", poses=50, inputs=columns), ("joint_compliance J2", "J3.moving:Rz:temperature")
+    model = calibrate(gp.load_mechanism("irb6400r"), made.table, names).model
+    forward = forward_of(model.saved, Place.of(model.saved))
+    module, given = types.ModuleType("exported"), {"temperature": 20.0, "payload": 30.0}
+    exec(numpy_text(forward, ""), module.__dict__)
+    assert module.INPUTS == {"temperature": "degC", "payload": "kg"}
+    assert np.isfinite(module.predict(made.table.q, **given)).all()
+    for wrong in ({"temperature": 20.0}, {"payload": 30.0}, {**given, "temp": 20.0}):
+        with pytest.raises(TypeError, match=r"expected \['payload', 'temperature'\]"):
+            module.predict(made.table.q, **wrong)
 
 
 ROW = re.compile(r"\\xi_\{\\mathrm\{(?P<slot>[^{}]*)\},\\,(?P<axis>\w+)\} &= (?P<text>.*)")

@@ -33,7 +33,8 @@ def numpy_text(forward: Forward, note: str) -> str:
     terms = [f"twists[{t.slot}, :, {t.axis}] += {_term(t, 'numpy')}" for t in forward.lines]
     registration, tool = _placed(forward)
     return _filled("model.py.txt", {
-        "NOTE": harmless(note), "JOINTS": list(forward.saved.columns), "INPUTS": _defaults(forward),
+        "NOTE": harmless(note), "JOINTS": list(forward.saved.columns), 
+        "INPUTS": dict(zip(input_names(forward), forward.inputs.values(), strict=True)), "DEFAULTS": _defaults(forward),
         "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
         "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
         "GRAVITY": forward.gravity.tolist(), "REGISTRATION": registration, "TOOL": tool,
@@ -136,8 +137,11 @@ def _joints(forward: Forward) -> tuple[str, ...]:
 
 
 def _defaults(forward: Forward) -> dict[str, float]:
-    carried = float(choice_of(forward.saved.mechanism).payload or 0.0)
-    return {name: carried if name == "payload" else 0.0 for name in input_names(forward)}
+    """Return the payload, kg, that predict assumes without one; none if loads follow the payload of the fitted rows."""
+    stated, fitted = choice_of(forward.saved.mechanism).payload, forward.saved.measured
+    read = forward.computed or any("payload" in line.basis.inputs for line in forward.lines)
+    carried = stated is None and fitted is not None and fitted.dataset.payload_given
+    return {} if carried and read else {"payload": float(stated or 0.0)}
 
 
 def input_names(forward: Forward) -> tuple[str, ...]:
