@@ -65,7 +65,7 @@ def explore(
     After the first round the permuted runs are omitted if no program has the least gain, nats, of a finding. Half as
     many permuted runs suffice if their largest gains are pooled with earlier ones, but at least as many as a p-value
     needs. With more than `evolved_poses` poses evolution uses a sample of them (half of it if the model has hundreds of
-    columns); programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
+    columns); programs are scored on all poses. Without runs no input is counted. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -130,7 +130,7 @@ def candidates_of(
     """Return each distinct program as a candidate effect at its site, without programs that have a pole.
 
     The constants of each part of a program are refitted, since one output alone often explains the effect of two
-    outputs. question: the problem of evolution, and its inputs in terms of the table's columns. runs: with origins.
+    outputs. question: the problem of evolution, and its inputs in table columns. runs: programs with origins.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question
@@ -151,6 +151,6 @@ def candidates_of(
 
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
-    """Return the largest gain in description length, nats, of any program of an evolution run. sites: their number."""
+    """Return the largest gain in description length, nats, of any program of an evolution run. sites: their count."""
     nats = [mdl_gain(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))

@@ -33,7 +33,7 @@ def discover_by_folds(
 ) -> Discovery:
     """Run the whole search on all poses, then repeat the search without each of `count` folds of whole blocks.
 
-    The error of pose p by model k is the error of model k, or of the last model before k, of the repetition without p.
+    The error of model k at pose p is that of model k, or of the last model before k, of the search without pose p.
     repeats: functions that run the search again, the quickest first; a search without genetic programming tends to
     overestimate the errors. If one function does not confirm an evolved finding, the next function is tried at half the
     significance level. workers: processes that run the repetitions, by the first function during the search on all
@@ -75,7 +75,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
-    """Return the error of each pose, m, by model `number` of the repetition without the pose; NaN if unknown."""
+    """Return the error, m, of model `number` of the search repeated without a pose at that pose; NaN if unknown."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])

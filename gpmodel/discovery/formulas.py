@@ -84,7 +84,7 @@ def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]
 
 @dataclass(frozen=True)
 class LawTask:
-    """Search for a formula of one smooth function at a site, as sent to a worker. written: inputs in table columns."""
+    """Search for a formula of one smooth function at a site, as sent to a worker. written: text of each input."""
 
     problem: SlotProblem
     inputs: tuple[str, ...]
@@ -218,7 +218,7 @@ def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw
 
 
 GROSS = 2.0
-"""Largest ratio of a pose's error to the second largest, without a smooth function; with more, it is a bad pose."""
+"""Ratio of the largest to the second largest pose error, without a smooth function, above which the pose is bad."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:

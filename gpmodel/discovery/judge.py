@@ -34,7 +34,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
     Detailed angular errors of a drive get as many harmonics as the evidence supports, and constants inside candidates
     are refitted. evolved_null: largest gain of any program on each permuted residual. An evolved term has to exceed the
-    null of evolution and of selection, because both searches selected the term. errors_alone: omit the credible sets.
+    nulls of evolution and selection, because both searches selected the term. errors_alone: omit the credible sets.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)

@@ -110,7 +110,7 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Run rounds of the search until a round changes nothing or a limit is reached; return the fit and why it ended.
+    """Run search rounds until a round changes nothing or a limit is reached; return the fit and why the rounds ended.
 
     If the time limit is reached in the first round, the first round is repeated without evolution.
     """

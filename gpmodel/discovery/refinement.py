@@ -65,7 +65,7 @@ class Profile:
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Double the harmonics of detailed angular errors among the findings if that lowers the description length.
+    """Double the number of harmonics of a drive's detailed angular errors if the description length falls.
 
     The angular error of a drive has harmonics up to twice its reduction ratio; half of the harmonics detect the error
     in an eighth of the time. left: residual of a model with all findings.
@@ -209,10 +209,10 @@ OWN = 0.005
 Difference quotients approximate derivatives to a tenth of the share."""
 
 MOST = 0.3
-"""Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""
+"""Prior standard deviation of a constant's change, which alters the formula by 30 % RMS; larger ones are not linear."""
 
 HARMONICS = 12
-"""Largest whole number that counts as periods per turn, not as a fitted constant."""
+"""Largest whole number in a formula that counts as periods per turn, not as a constant to fit."""
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ def _rounded(value: float) -> float:
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
     """Yield each distinct constant inside a candidate; a constant of several effects is changed in each effect.
 
-    A whole number of ripples per turn, or of millimetres in a lead, is exact and therefore omitted.
+    A whole number of ripples per turn, or of millimetres of a screw's lead, is exact and therefore omitted.
     """
     inner, refit = candidate.inner, bool((known := family(candidate.family)) and known.refit_constants)
     if candidate.has_priors:

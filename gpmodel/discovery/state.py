@@ -108,7 +108,7 @@ class Discovery:
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """Return the record of the model with a given number in the sequence, or the last for larger numbers."""
+        """Return the record of model `number` of the growing models, or of the last model for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -230,7 +230,7 @@ class State:
         return not (self.opening(last.number) and self.search.runs and last.stands_out)
 
     def opening(self, number: int) -> bool:
-        """Return whether a round is the first one of a search with a catalogue, and has a small search."""
+        """Return whether a round is the first one of a search with a catalogue, which has a small budget."""
         return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate], further: tuple[Effect, ...] = ()) -> ErrorModel:

@@ -22,8 +22,8 @@ from gpmodel.table.units import is_time
 def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Targets:
     """Compute the sufficient statistics of the residual at each site for some poses.
 
-    A basis function φ at a site adds the column r φ; r: sensitivity of the rows. Summed over each pose's rows: r²
-    (weight of φ²), r times the basis of the model's columns, and r times the residual. rows: pose numbers.
+    A basis function φ at a site adds the column r φ; r: sensitivity of the rows. Statistics, summed over each pose's
+    rows: r² (weight of φ²), r times the basis of the model's columns, and r times the residual. rows: pose numbers.
     """
     columns = _columns(residual, sites)
     weight = _by_pose(residual, columns**2, rows)
@@ -39,7 +39,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Return `blank` with the products of other residual values at each site, as targets of genetic programming."""
+    """Return the statistics `blank` with products of other residual values at each site, as targets of evolution."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -71,7 +71,7 @@ weight of a wrist has as large a share in the load of a carriage."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
-    """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
+    """Return the columns that a formula may use, scaled to order one, and the text of each in table columns.
 
     Not used are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
     the reactions), and loads in proportion to a length or the payload, as on linear axes. Of several proportional
@@ -123,7 +123,7 @@ def in_proportion(first: Array, second: Array) -> bool:
 
 
 def kind_of(name: str, states: States) -> str:
-    """Return the physical quantity of a column. A column of earlier values of an angle is a travel, without a
+    """Return the physical quantity of a column. A column of earlier values of an angle counts as a travel, without a
     period."""
     unit = states.units[name]
     if name == "row":

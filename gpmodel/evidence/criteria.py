@@ -16,15 +16,15 @@ class Criteria:
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
-            With a limit of 0, predictions must not become worse. With 1.5 the model of 90 poses of a measured cobot
-            lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
+            With a limit of 0, predictions must not become worse. With a limit of 1.5 the model of 90 poses of a
+            measured cobot lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
         apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines, in standard errors.
             1.5 = 3 / 2: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
         clear_cv_t: least cross-validated gain of an unnamed formula over no effect, over a named effect and over a part
             of the formula, in standard errors: two-sided 5 %, as some of many formulas gain by chance.
         minimum_share: least share of an effect's motion that the other effects of the model do not explain. With a
             smaller share, a relative model error of 0.01 decides the coefficient.
-        scored_share: least unique share of a scored column; with less, its coefficient is a rounding error.
+        scored_share: least unique share of a scored column; with less, the column's coefficient is a rounding error.
         largest_between: largest ratio of a basis function between poses to its size at the poses; beyond is a pole.
     Limits for naming effects:
         head_start: gain, nats, by which an unnamed formula, without a cause, has to exceed a named effect.
@@ -37,12 +37,12 @@ class Criteria:
             p-value, and then only repeats of a pose are permuted together.
         blocks: number of stretches of rows, and of regions of space, with dependent errors; with ten, each stretch is
             long enough to contain a drift.
-        outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
-            in 5e8.
+        outlier_sigmas: robust standard deviations beyond which a residual is winsorised; one Gaussian value in 5e8
+            exceeds six.
         folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
         shuffles: number of permuted residuals on which the catalogue is scored.
         confirmation: largest one-sided p-value of the held-out test that the findings predict better than the standard
-            model; with a larger one the standard model is shipped.
+            model; with a larger p-value the standard model is saved.
         input_significance: largest p-value of an input in the histogram, corrected for the number of inputs.
     """
 

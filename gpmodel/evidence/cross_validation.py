@@ -69,7 +69,7 @@ def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """Return the paired t of cross-validated squared errors over blocks, positive if `effects` are better."""
+    """Return the paired t of cross-validated squared errors over blocks, positive if `effects` beat `others`."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
 
@@ -91,7 +91,7 @@ class Confirmation:
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
-    """Test whether the found model predicts held-out poses better than the standard model does, weighed alike."""
+    """Test whether the model with findings predicts held-out poses better than the standard model, equally weighted."""
     unit = independent_blocks(heldout.dataset, criteria)
     return paired(errors_on(standard, heldout, found.weights), errors_on(found, heldout), unit, criteria)
 
@@ -100,7 +100,7 @@ def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> 
     """Test whether the second of two models has smaller 3-D errors on poses that selected neither model.
 
     before, after: errors of each pose by the two models, m, NaN if unknown; a pose with both above median + 6 · 1.4826
-    MAD of the first model's errors has no weight. units: block index of each pose. With a single block p = 1."""
+    MAD of the first model's errors has no weight. units: block index of each pose. With a single block p_value = 1."""
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)

@@ -195,8 +195,8 @@ class Residual:
     def with_refitted_noise(self) -> "Residual":
         """Iterate the weights of the effects' priors until they agree with the residual's standard deviation.
 
-        Without a large effect the residual r exceeds the noise of the full model. With the noise of the full model,
-        other effects would exceed their priors to explain r, and a small effect would replace the large one.
+        Without a large effect the residual exceeds the noise of the full model. With this noise, other effects would
+        exceed their priors to explain the residual, and a small effect would replace the large one.
         """
         found = self
         for _ in range(STEPS):

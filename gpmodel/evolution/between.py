@@ -22,11 +22,11 @@ exploded. For a linear part the ratio is below 1; at a pole between the rows abo
 HALVINGS = 40
 """Number of bisections that locate a zero of a part of a formula, to 1e-12 of the distance between two rows."""
 CROSSED = 16
-"""Largest number of lines between rows on which a zero of one part is located; its zeros form one surface."""
+"""Largest number of lines between rows on which a zero of one part is located; the part's zeros form one surface."""
 
 
 class PointsBetween:
-    """Points between neighbouring rows of the columns of a table, and the variance of the response of the table."""
+    """Points between neighbouring rows of a table, in each column, and the variance of the table's response."""
 
     def __init__(self, columns: Mapping[str, Array], variance: float, rng: np.random.Generator) -> None:
         table = np.unique(np.array(list(columns.values())).T, axis=0)
@@ -52,8 +52,8 @@ class PointsBetween:
     def loss(self, program: Program, factor: float = 1.0) -> float:
         """Return the mean square deviation of a formula with poles between rows, as a share of the response's variance.
 
-        At points at which a part of the formula explodes, its deviation from the line between its values at both rows
-        is used. An undefined value is replaced by the standard deviation of the response.
+        At points at which a part of the formula explodes, the formula's deviation from the line between the formula's
+        values at both rows is used. An undefined value is replaced by the standard deviation of the response.
         """
         if not len(self.last):
             return 0.0

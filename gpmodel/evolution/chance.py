@@ -26,8 +26,8 @@ class PValue:
 def permutation_p_value(value: float, null: Array) -> PValue:
     """Return the p-value of a score, given the largest scores of T searches on permuted residuals.
 
-    If some of the T scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of
-    the fitted distribution, otherwise the tail. With fewer than FEWEST finite scores the p-value is 1.
+    If some of the T largest scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the
+    tail of the fitted distribution, otherwise the tail. With fewer than FEWEST finite scores the p-value is 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):

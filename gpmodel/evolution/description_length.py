@@ -13,7 +13,7 @@ processor differ by up to 1e-8."""
 
 
 def fit_nats(gain: Array | float, components: float, rounding: float = ROUNDING) -> Array:
-    """Return the rise of the log likelihood, nats, if a share ``gain`` of the sum of squares is explained.
+    """Return the rise of the log likelihood, nats, if a model explains a share ``gain`` of the sum of squares.
 
     components / 2 * -ln(1 - gain)
 

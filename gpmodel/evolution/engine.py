@@ -29,7 +29,7 @@ def empty_code(constants: Array, longest: int, outputs: int) -> Code:
 
 
 def values(code: Code, fixed: Array) -> Array:
-    """Return the outputs (programs, outputs, poses) of decoded programs; the next call overwrites the result."""
+    """Return the outputs (programs, outputs, poses) of decoded programs; the next call overwrites the array."""
     from gpmodel.evolution.kernels import batch
 
     found = workspace("values", (len(code.length), code.outputs.shape[1], fixed.shape[1]))

@@ -35,16 +35,16 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120
-"""Number of short forms whose constants are fitted: for a formula of one input, and for one part of a formula of
-several inputs."""
+"""Number of short forms (first formulas) whose constants are fitted, for a formula of one input and for one part of a
+formula of several inputs."""
 KEPT = 40
 """Number of formulas of one input that are fitted to binned values first, and to all poses afterwards."""
 PIECES, PRODUCTS = 8, 48
 """Number of formulas of shortest description that are kept for each factor, summand, weighted sum or distance; largest
 number of products of the kept formulas."""
 BEHIND = 40.0
-"""Largest difference in log likelihood, nats, to the most likely structure, at which a structure of a formula of
-several inputs is searched."""
+"""Largest log likelihood, nats, that a structure of a formula of several inputs loses to the most likely structure and
+is still searched."""
 THIRDS = 4
 """Number of inputs that are tried as the third factor of a product with two inputs."""
 

@@ -1,4 +1,4 @@
-"""Short formulas from which others are bred: elements of one input, elements of elements, products of two elements.
+"""Short formulas from which longer ones are bred: elements of one input, elements of elements, products of two.
 
 An element is an operator of k (u - c), where u is the input scaled to [0, 1]: line, power, wave, bump, ramp, step, dead
 zone, saturation, pole, root, logarithm. Some forty thousand short forms, on a grid of k and c, are compared by
@@ -38,9 +38,9 @@ LINE = "({q} - {a})"
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
 """Text of the step element; least fraction of the poses on either side of a step."""
 JOINED = 4.0
-"""Least gain of a further element of a formula, nats: approximately the penalty of its nodes and constants."""
+"""Least gain, nats, of a further element of a formula: about the penalty of the element's nodes and constants."""
 APART = 1.001
-"""Ratio of two constants of one grid value, which makes them different, so that they are fitted separately."""
+"""Ratio by which one of two constants of equal grid value is changed, so that both are fitted separately."""
 BINS, CHUNK = 64, 1_000_000
 """Number of values of an input at which formula elements are compared; largest size of an array of compositions."""
 
@@ -92,7 +92,7 @@ def constant(value: float) -> Program:
 
 
 def _inside(finer: int) -> list[float]:
-    """Return the positions of formula elements on a grid with ``finer`` times as many steps as INSIDE."""
+    """Return the positions of formula elements on a grid with ``finer`` times as many steps as `INSIDE`."""
     first, last, steps = INSIDE
     return list(np.linspace(first, last, steps * finer + 1).tolist())
 
@@ -150,7 +150,7 @@ def _only_fine() -> Iterator[Element]:
 
 
 class Elements:
-    """Formula elements sorted by shape (text). every: all elements. first: position of the first of each shape."""
+    """Formula elements sorted by shape (text). every: all elements. first: position of each shape's first element."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -198,13 +198,13 @@ def edges(column: Array) -> Elements:
 
 ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_only_fine()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
-"""Squares about points outside an input's range, as arguments of other elements: a sine of a square is a chirp."""
+"""Squares of the distance to points outside an input's range, as arguments of elements: sine of a square, a chirp."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A formula before its constants are fitted. nats: its approximate net gain, nats. build: function that makes the
-    program."""
+    """A formula before its constants are fitted. nats: approximate net gain of the formula, nats. build: function that
+    makes the program."""
 
     nats: float
     build: Callable[[], Program]
@@ -254,7 +254,7 @@ def _nats(values: Array, targets: Targets) -> Array:
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Trial]:
-    """Yield for each shape of element the element with the best constants, as a short form."""
+    """Yield for each element shape, such as a wave, the element with the best constants, as a short formula."""
     nats = _nats(elements.on_grid(column[None, :])[0], targets) - JOINED
     return elements.best(nats, lambda k: of(elements.every[k]))
 
@@ -301,7 +301,7 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
 
 
 def product_of(first: Program, second: Program) -> Program:
-    """Return the product of two programs, in which constants that are equal only by the grid are fitted separately."""
+    """Return the product of two programs, in which constants that only the grid makes equal are fitted separately."""
     apart = [value * APART if value in first.constants else value for value in second.constants]
     return combine("multiply", first, second.with_constants(apart))
 

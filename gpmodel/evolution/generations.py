@@ -51,7 +51,7 @@ class Generations:
 
     def scored(self, population: Population, cutoff: float = np.inf, known: Scores | None = None) -> Scores:
         """Return the scores of a population of programs; scores of effective code in ``known`` are reused. cutoff:
-        limit of the score above which a program may get an infinite score."""
+        score above which a program may get an infinite score."""
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)
 
@@ -91,7 +91,7 @@ class Generations:
         """Return scores in which programs too bad to be selected may be infinite, which does not change the selection.
 
         Computing the maximum error over many poses stops once the error exceeds a limit, taken from the generation
-        before. If fewer than ``few`` programs are below the limit, all programs are scored without it.
+        before. If fewer than ``few`` programs are below the limit, all programs are scored without a limit.
         """
         found = self.scored(children, self.cutoff)
         if np.count_nonzero(found.score <= self.cutoff) < few:

@@ -81,9 +81,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
     Both p-values of an input are corrected for the number of inputs:
     * count: Fisher's exact test of the runs that reference the input against runs on permuted residuals, times the
     number of inputs (Bonferroni);
-    * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the best run that
-    references the input (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall,
-    Young 1993).
+    * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the input's best run
+    (``gpmodel.evolution.chance``). A maximum over all inputs needs no further correction (Westfall, Young 1993).
     Runs on one residual agree even if the residual is noise. Counts alone would therefore make noise significant.
     Raises InputError if there is no run.
     """
@@ -110,8 +109,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
 def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
     """Return the penalty -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
 
-    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). Of N programs
-    evolved on residuals k reference the input, of N' on permuted residuals k'. Without runs all penalties are 0.
+    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). k of N programs
+    evolved on residuals reference the input, k' of N' on permuted residuals. Without runs all penalties are 0.
     """
     references: dict[str, list[int]] = {}
     runs = sum(sum(h.runs.values()) for h in histograms)

@@ -21,8 +21,8 @@ ANY, CONSTANT, NUMBER = "any", "constant", "number"
 ANGLE, SHORT, BENT, SQUARE = "angle", "short angle", "bent angle", "squared angle"
 CLOCKS = ("time", "row")
 SHORT_RANGE = np.pi / 2
-"""Range of an angle, rad, below which it counts as a short angle: its sine is a straight line to 10 %, or a parabola to
-3 %."""
+"""Range of an angle, rad, below which it counts as a short angle: the angle's sine is a straight line to 10 %, or a
+parabola to 3 %."""
 
 _SATURATING = ("tanh", "atan")
 _UNARY: dict[str, dict[str, str]] = {
@@ -82,7 +82,7 @@ def _of_two(operator: str, first: str, second: str) -> str | None:
 
 
 NONE = 255
-"""Number that stands for "no kind of quantity"."""
+"""Number that means "no kind of physical quantity"."""
 
 
 @dataclass(frozen=True)

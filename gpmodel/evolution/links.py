@@ -68,8 +68,8 @@ class LinkFunction:
     def always(self, inputs: Mapping[str, Array]) -> list[Program]:
         """Return the terms of every sum: a constant and, with ``with_inputs``, each input under the link function.
 
-        A constant input is no term of the sums. If the inputs are more than half as many as the rows, no input is a
-        term.
+        A constant input is no term of the sums. If the inputs are more than half as many as the table's rows, no input
+        is one.
         """
         solvable = self.with_inputs and all(2 * len(inputs) <= len(column) for column in inputs.values())
         varying = (name for name, column in inputs.items() if solvable and self._varies(column))
@@ -94,7 +94,7 @@ class LinkFunction:
     ) -> Program | None:
         """Return the formula with given terms above and ``below`` the fraction bar, with coefficients by least squares.
 
-        Terms that gain less than their penalty are left out. An exponent becomes the nearest multiple of 1/2 if the
+        Terms that gain less than their penalty are omitted. An exponent becomes the nearest multiple of 1/2 if the
         penalty of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return
         None if no term remains or a column is not finite.
         """
@@ -146,8 +146,8 @@ def summed(terms: Sequence[tuple[Program, float]]) -> Program:
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
-    """Return {column of `table` (points, terms): coefficient}. A coefficient is fitted if its gain exceeds its penalty.
-    If there are more columns than points, the last columns are left out."""
+    """Return {column of `table` (points, terms): coefficient}. A term is fitted if its gain exceeds its penalty. If
+    there are more columns than points, the last columns are left out."""
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0)[: len(there) - 1].tolist()
     held: dict[int, float] = {}
@@ -205,7 +205,7 @@ def _product(terms: Sequence[tuple[Program, float]]) -> Program:
 
 
 def _power(base: Program, half: int) -> Program:
-    """Return a program to the power half / 2."""
+    """Return the program raised to the power half / 2."""
     builder = Builder()
     node = builder.copy(base)[base.outputs[0]]
     node = raise_to(builder, node if half % 2 == 0 else builder.apply("sqrt", node), abs(half) // (2 - half % 2))

@@ -79,7 +79,7 @@ class Layout:
     @cached_property
     def opcode_table(self) -> NDArray[np.uint8]:
         """Op-code of each instruction byte (0 to 255). A byte that is the op-code of an available operator means this
-        operator; the other bytes mean the available operators in turn."""
+        operator; other bytes mean the available operators in turn."""
         offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
         return np.array(table, dtype=np.uint8)

@@ -236,8 +236,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
 
 
 def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
-    """Return the derivative of a program with respect to its input z, at z = 0, at each pose; None if it is zero or not
-    finite."""
+    """Return the derivative of a program with respect to its input z, at z = 0, by pose; None if zero or not finite."""
     step = 1e-6
     ends = [
         moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)
@@ -278,4 +277,4 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
-"""Number of nodes that each element, such as a wave or step, adds to a formula."""
+"""Number of nodes that each formula element, such as a wave or step, adds to a formula."""

@@ -85,8 +85,8 @@ def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
 def pareto(
     solutions: Iterable[Solution], sizes: Callable[[Solution], tuple[int, ...]] = lambda one: (one.complexity,)
 ) -> tuple[Solution, ...]:
-    """Return the solutions with a larger gain than all simpler solutions, simplest first.
-    sizes: measures of complexity. A solution is simpler if none of its measures is larger."""
+    """Return the solutions with a larger gain than all simpler solutions, simplest first. sizes: measures of
+    complexity. A solution is simpler than another if no measure is larger."""
     measured = ((sizes(one), float(gain_nats(one.gain)), one) for one in solutions)
     found: list[tuple[tuple[int, ...], float, Solution]] = []
     for size, nats, solution in sorted(measured, key=lambda one: (one[0], -one[1])):

@@ -93,7 +93,7 @@ class CartesianProblem:
 
     @property
     def can_stop_early(self) -> bool:
-        """True if the scoring of a program may stop at a limit."""
+        """True if scoring a program may stop at a limit of the error."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     @cached_property

@@ -25,7 +25,7 @@ SMALLEST = 1e-150
 """Largest magnitude of a basis function below which it counts as zero: its squares underflow."""
 
 ROUNDING_SHARE = 1e-8
-"""Least share of a column outside the model's columns in noise-free regression, where only rounding makes it small."""
+"""Least share of a column outside the model's columns in noise-free regression; smaller shares are rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def regression(response: Array, name: str = "response") -> Targets:
 
 
 def unit_rows(values: Array) -> Array:
-    """Return rows divided by their largest magnitude; a row with a number that is not finite becomes zero."""
+    """Return each row divided by its largest magnitude; a row with a number that is not finite becomes zero."""
     with np.errstate(invalid="ignore"):
         scale = np.maximum(values.max(axis=1, initial=0.0), -values.min(axis=1, initial=0.0))
     usable = np.isfinite(scale) & (scale > 0)
@@ -226,8 +226,8 @@ def row_products(first: Array, second: Array) -> Array:
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
     """Return the indices of linearly independent rows of a Gram matrix, by pivoted Cholesky decomposition.
 
-    total: squared norms of the rows before any projection. A row is left out if its part orthogonal to the selected
-    rows is below ``limit`` of its squared norm.
+    total: squared norms of the rows before any projection. A row is omitted if its part orthogonal to the selected rows
+    is below ``limit`` of its squared norm.
     """
     remaining = gram.astype(float).copy()
     chosen: list[int] = []

@@ -1,4 +1,4 @@
-"""Symbolic regression of any table: programs are bred under link functions of the response, the best ones further.
+"""Symbolic regression of any table: programs are bred under link functions of the response, then the best ones further.
 
 Under every link function (``gpmodel.evolution.links``) a population of linear sequences is bred, with the coefficients
 of four outputs solved together. The formulas of the best programs are founders of one population of formulas of the
@@ -38,8 +38,8 @@ EXACT = 1e-20
 PROMISING = 1.0 - 1e-7
 """Gain above which the formula of a program is tested for exactness at once."""
 ROWS = 100
-"""Number of table rows that are searched per second of computing time, and in addition. Of a longer table random rows
-are searched; the constants of the best formulas are fitted to all rows afterwards."""
+"""Table rows that are searched: ROWS (1 + seconds of computing time). Of a longer table random rows are searched; the
+constants of the best formulas are fitted to all rows afterwards."""
 FINISHING, FOUNDERS = 0.15, 12
 """Share of the computing time in which the best formulas are bred further, formulas of one term are searched, or
 formulas are fitted to all rows of a long table; number of formulas that are bred further."""
@@ -196,7 +196,7 @@ class QuotientProblem(SlotProblem):
         """Return for each program the share of the response's variance in the residual of its quotient.
 
         offered: terms of numerator and denominator, (programs, terms, points). chosen: terms in use. The denominator
-        scales the errors; each iteration divides them by the previous denominator (Sanathanan and Koerner 1963).
+        scales the errors; each iteration divides errors by the previous denominator (Sanathanan and Koerner 1963).
         """
         programs, columns, points = offered.shape
         table = np.concatenate([np.ones((programs, 1, points)), np.where(chosen[:, :, None], offered, 0.0)], axis=1)
@@ -254,7 +254,7 @@ class _Island:
         return self._of_sizes(size for size in improved if self.run.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
-        """Return sums of one further term and the terms that all formulas under the link function have."""
+        """Return sums of one further term and the terms that are in all formulas under the link function."""
         if self.link.quotient:
             return self.formulas([])
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))

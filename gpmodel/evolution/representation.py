@@ -73,7 +73,7 @@ def label(representation: Representation) -> str:
 
 
 def check_ranges(choices: object, **limits: tuple[float, float]) -> None:
-    """Raise InputError for a setting outside its range (least, most), ends included."""
+    """Raise InputError for a setting outside its closed range (least, most)."""
     for name, (least, most) in limits.items():
         value = getattr(choices, name)
         if not isinstance(value, int | float) or not least <= value <= most:

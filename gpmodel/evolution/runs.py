@@ -1,4 +1,4 @@
-"""Parallel runs of genetic programming, each stored as it finishes, and as many runs on permuted residuals."""
+"""Parallel runs of genetic programming on a residual and on permuted residuals, each stored as it finishes."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -37,7 +37,7 @@ class KeptRuns:
 
 @dataclass(frozen=True)
 class Task:
-    """Data of one run, as a worker process needs them. shuffled: whether to permute the residual over the poses."""
+    """Data of one evolution run for a worker process. shuffled: whether to permute the residual over the poses."""
 
     problem: Problem
     settings: Settings

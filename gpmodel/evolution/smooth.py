@@ -60,7 +60,7 @@ SETTLED = 1e-4
 TURNS, KEPT = (3, 15), 4
 """Numbers of iterations over a product's factors from every initial value and from the best ones; number of these."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
-"""Number of initial values (slow sines) of each factor but the first, by the number of factors of a product."""
+"""Number of initial functions (slow sines) of each factor but the first, by the number of factors of a product."""
 PARTS_IN_TURN = 3
 """Number of iterations over a product and a summand; a fourth changes either by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
@@ -174,8 +174,8 @@ def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
 def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array, Array]:
     """Fit the sum of a function of the last column and a product of functions of the other columns (columns, poses).
 
-    Product and summand are fitted in turn, with the other one subtracted. Return the residual variance, the product
-    (poses,) and the summand (poses,).
+    Product and summand are fitted in turn, with the other one subtracted. Return residual variance, product and summand
+    (poses,).
     """
     basis = Sines.of("", columns[-1], LENGTH).values
     summand = basis @ _settled(targets, basis).coefficients

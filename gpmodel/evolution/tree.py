@@ -20,7 +20,7 @@ class Tree:
     """Settings of programs as ``outputs`` trees no deeper than ``depth``; the defaults search a basis function of an
     effect.
 
-    operators, constants, own_constants: as for ``Linear``.
+    operators, constants, own_constants: as for ``linear.Linear``.
     style: "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first crossover and the
     two mutations of section 5.2.2).
     crossover: share of children by crossover; the other children are mutated.

@@ -22,7 +22,7 @@ OWN_CONSTANT = 16384
 """First code of a tree node that is one of the constants that a program carries."""
 
 OWN_BYTE = 255
-"""Byte of every constant that a program carries, in a packed tree (one byte per node)."""
+"""Byte that stands for each constant of a program in a packed tree (one byte per node)."""
 
 
 class OperatorNode(gp.Primitive):
@@ -63,7 +63,7 @@ class Individual:
 
     @staticmethod
     def of(trees: Iterable[gp.PrimitiveTree]) -> "Individual":
-        """Return the individual of some trees."""
+        """Return the individual that consists of the given trees."""
         every = tuple(trees)
         return Individual(every, tuple(map(_packed, every)))
 

@@ -12,8 +12,8 @@ steps of the golden section between the neighbours of the best point, which end 
 
 
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
-    """Maximise the gains of groups of effects over their prior variances, each up to cap²; return gains and variances.
-    The best point of a grid in the logarithm of the variance is refined by a golden section."""
+    """Maximise the gains of groups of effects over their prior variances, each at most cap²; return gains and
+    variances. The best point of a grid in the logarithm of the variance is refined by a golden section."""
     from gpmodel.evolution.kernels.variances import largest_gains
 
     s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)

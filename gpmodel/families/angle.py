@@ -1,8 +1,8 @@
 """Families of effects that follow the joint coordinates: gears, encoders, bearings, couplings and linear axes.
 
-Errors of linear axes have the names of ISO 230-1: E, the direction of the error, the axis that moves. Example of ISO
-230-1 names: EXZ is the straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its
-positioning, in the frame of the joint.
+Errors of linear axes have the names of ISO 230-1: E, then the direction of the error, then the moving axis. Example of
+ISO 230-1 names: EXZ is the straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ
+its positioning, in the frame of the joint.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ LENGTH, ANGLE = 5e-5, 5e-5
 robot track (0.2 mm)."""
 
 WAVES = 4
-"""Number of half waves of an error over the travel of a guideway, which bends and sags over a quarter or more."""
+"""Number of half waves of an error over the travel of a guideway, which bends and sags over a quarter of it or more."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """Nominal leads of ball screws, mm (ISO 3408-2)."""
@@ -71,8 +71,8 @@ def _called(joint: Joint, axis: str) -> str:
 def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> Iterator[Effect]:
     """Yield sin(π k u) and cos(π k u), k = 1.., with u from 0 to 1 over the travel and priors falling as 1/k.
 
-    The period of the first wave is twice the travel. A smooth curve with different ends then needs few waves, whereas
-    the coefficients of cosines alone fall off as 1/k² (Huybrechs 2010).
+    The period of the first wave is twice the travel. A smooth curve with different end values then needs few waves,
+    whereas the coefficients of cosines alone fall off as 1/k² (Huybrechs 2010).
     """
     orders = np.arange(1, WAVES + 1)
     share = (1.0 / orders) / np.linalg.norm(1.0 / orders) / np.sqrt(2.0)
@@ -180,7 +180,7 @@ def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield wobble and run-out of each revolute joint about and along the axes other than its drive, as smooth curves.
+    """Yield wobble and run-out of each revolute joint on axes other than its drive, as smooth functions of its angle.
 
     Each ball joint of a machine has a run-out curve along its leg.
     """
@@ -201,7 +201,7 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the play of each drive by the side of approach, ±1, for each table column `approach...`.
 
-    The joint named in the column has the lower penalty.
+    The joint that the name of the column states has the lower penalty.
     """
     declared = declared_approach([j.name for j in mechanism.joints], states.columns)
     for column in states.columns:
@@ -259,7 +259,7 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the shift of each revolute joint along each axis, m, with one period per turn (unmeasured: also two).
+    """Yield the shift of each revolute joint along each axis, m, one period per turn (joint not measured: also two).
 
     Each ball joint of a machine shifts along its leg, one period per turn of each of its angles.
     """

@@ -216,8 +216,8 @@ def across(joint: Joint) -> tuple[str, str]:
 def loaded(states: States, load: str) -> bool:
     """Return whether a load exceeds rounding error and a negligible share of other loads; True if not in N or N·m.
 
-    A load is negligible if the axis passes through the centre of mass, or if the wrist hangs down. A load without a
-    column is negligible.
+    A load is negligible if the joint axis passes through the centre of mass, or if the wrist hangs down. A load without
+    a column is negligible.
     """
 
     def most(name: str) -> float:

@@ -26,8 +26,8 @@ class FrequencyGrid:
     a named effect plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
     rates: equally spaced rates, rad of the argument per rad or metre of the coordinate.
-    value: function from a rate to the number in the name, and its inverse.
-    load: column of the load that multiplies the harmonic, empty if none. called: unit of the number.
+    value: function from a rate to the number in the candidate's name, and its inverse.
+    load: column of the load that multiplies the harmonic, empty if none. called: unit of the number in the name.
     """
 
     template: Candidate
@@ -103,7 +103,7 @@ def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
 
 
 def mesh_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """Yield ripples at any number per turn, multiplied by the torque of the joint."""
+    """Yield ripples of each loaded revolute joint at any number per turn, multiplied by the torque of the joint."""
     for j, load in _loaded(mechanism, states):
         yield from _grid(_ripple("mesh_compliance", j, symbol(), COST, load), j, states, load)
 
@@ -115,7 +115,7 @@ def _loaded(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]
 
 
 def _ripple(family: str, j: Joint, number: object, cost: float, load: str = "") -> Candidate:
-    """Return a candidate of sine and cosine of `number` periods per turn of a joint. load: column that multiplies."""
+    """Return a candidate of sine and cosine of `number` periods per turn of a joint. load: column as a factor."""
     name = f"{family.replace('_', ' ')}, {number} per turn, {j.name}"
     times, unit = (f"{load}*", "rad/Nm") if load else ("", "rad")
     waves = {f: Expression(f"{times}{f}({number}*{j.name})") for f in ("sin", "cos")}

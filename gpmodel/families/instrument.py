@@ -42,7 +42,7 @@ volume; and the least number of poses for the detailed error."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 """Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
-elevation, rad. The origin of a table in the robot's frame is inside the robot."""
+elevation, rad. If a table is in the robot's frame, its origin is inside the robot."""
 
 WAVES = 8
 """Number of sine waves of a random walk over the rows of a table. The eighth wave has 1/225 of the first's variance."""
@@ -203,8 +203,8 @@ def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Ite
 def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) -> Iterator[Candidate]:
     """Yield a random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t).
 
-    Prior standard deviations fall as 1/(k - 1/2). Each wave has its mean 1/((k - 1/2) π) subtracted, so that the
-    registration is the mean position of the instrument.
+    The prior standard deviation of wave k falls as 1/(k - 1/2). Each wave has its mean 1/((k - 1/2) π) subtracted, so
+    that the registration is the mean position of the instrument.
     """
     rows = states.past.columns["row"] if states.past else states["row"]
     if len(rows) < 4 * waves or states.seen is None:

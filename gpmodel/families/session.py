@@ -195,7 +195,7 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield settling 1 - exp(-t/τ), with t the time since an event, for each of EVENTS moments.
+    """Yield settling 1 - exp(-t/τ), with t the time since an event, for each of EVENTS trial moments.
 
     Times that began long before the session, such as seconds since 1970, count from the first row.
     """

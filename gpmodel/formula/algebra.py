@@ -62,7 +62,7 @@ def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol,
     """Convert a program to sympy in pieces: symbols defined by large subexpressions, and outputs in terms of symbols.
 
     No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
-    parts may be exponentially longer, and its algebra would not end. largest: largest size; None for no limit.
+    parts may be exponentially longer, and its algebra would not end. largest: that number; None for no limit.
     """
     values: list[sympy.Expr] = []
     sizes: list[int] = []

@@ -27,7 +27,7 @@ LARGEST_NUMBER = sys.float_info.max
 DIGITS = 6
 """Significant digits of a written constant: an error of a millionth is far below the standard error of a constant."""
 LONGEST_TEXT = 50_000
-"""Largest number of characters of a formula. A sequence of 256 instructions, the longest that evolves, has 10 000."""
+"""Largest number of characters of a formula. The longest formula that evolves, of 256 instructions, has 10 000."""
 MOST_PARTS = 5_000
 """Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
@@ -155,7 +155,7 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Largest number of parts of a basis function after names are replaced by definitions; a name may double it."""
+"""Largest number of parts of a basis function after names are replaced by definitions; each name may double it."""
 
 
 class Columns(Protocol):

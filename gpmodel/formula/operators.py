@@ -126,7 +126,7 @@ SETS: dict[str, tuple[str, ...]] = {
     "slot": ("add", "subtract", "multiply", "divide", "min", "max", "abs", "square", "sin", "cos", "exp", "tanh"),
     "physics": ("reciprocal", "add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
 }
-"""Named subsets: ``thesis`` (Table 5.1 of Robertson 2003), ``smooth`` (continuous first derivative, its section 5.2.3),
+"""Operator sets: ``thesis`` (Table 5.1 of Robertson 2003), ``smooth`` (continuous first derivative, its section 5.2.3),
 ``slot`` (shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""
 
 

@@ -126,7 +126,7 @@ class Fleet:
     type_effects: calibration of each machine by its poses alone, with the effects of the type.
     shrunk: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: names of effects without priors of their own.
-    values, stderr: of each machine, values and standard errors of the effects, last of the logarithm of the noise.
+    values, stderr: value and standard error of each effect and, last, of the logarithm of the noise, by machine.
     shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
     blocks: records of the effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.

@@ -38,7 +38,7 @@ p-value neglects the error of the estimated prior; hence the ratio must be at le
 class TypeComparison:
     """Comparison of a machine with the machines of its type.
 
-    times: ratio s of the machine's distance from the mean of the type to the distance of a machine of the type.
+    times: ratio s of the machine's distance from the mean of the type to the RMS distance of machines of the type.
     chance: probability of a ratio s as large for a machine of the type.
     noise: standard deviation σ of one coordinate, m, if the machine is of the type.
     """
@@ -54,11 +54,11 @@ class TypeComparison:
 
 
 def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
-    """Compare a machine with its type by the marginal likelihood of s ≥ 1, with the most likely σ for each s.
+    """Compare a machine with its type by the marginal likelihood of its distance ratio s ≥ 1, at the likeliest noise σ.
 
     fit: fit to the poses with the prior and the noise of the type. Effects without a prior are fitted and not compared.
-    σ is at least the noise of the type and includes errors that the effects cannot describe. The p-value is half of
-    that of χ² with one degree of freedom, as s = 1 is a bound (Self and Liang 1987).
+    The noise σ is at least that of the type and includes errors that the effects cannot describe. The p-value is half
+    of that of χ² with one degree of freedom, as s = 1 is a bound (Self and Liang 1987).
 
         y = X (θ - μ) + e,   θ - μ ~ N(0, s² T),   e ~ N(0, σ² 1)            y: residual without registration and tool
     """

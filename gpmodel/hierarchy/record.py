@@ -91,7 +91,7 @@ def folder_of_tables(folder: Path) -> Folder:
 
 
 def folder_names(serials: Sequence[str]) -> tuple[str, ...]:
-    """Return a folder name for each machine: its serial number with valid characters, with a number if not unique."""
+    """Return a folder name for each machine: its serial in valid characters, numbered if names are equal."""
     plain = [re.sub(r"[^\w-]+", "_", serial)[:LONGEST_NAME] for serial in serials]
     alike = {name for name, count in Counter(name.lower() for name in plain).items() if count > 1}
     return tuple(f"{n}-{k}" if n.lower() in alike else n for k, n in enumerate(plain, 1))
@@ -216,7 +216,7 @@ class BlockPart(msgspec.Struct, frozen=True):
 
     effects: effects of the block with their own priors.
     spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
-    z: RMS distance of each machine from the others in the directions that its poses determine, of one effect with sign.
+    z: RMS distance of each machine from the others in the directions that its poses determine; signed for one effect.
     chances, outliers: p-value of the distance of each machine, and indices of outlying machines.
     """
 

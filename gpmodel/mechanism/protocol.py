@@ -123,7 +123,7 @@ class ClosedLoops(Protocol):
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return for each pose whether kinematic loops close, with the error twists of `assembled` or nominally.
+        """Return for each pose whether kinematic loops close, with the error twists `twists` or without errors.
 
         q: joint values (poses, joints) of the table.
         """

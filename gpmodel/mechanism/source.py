@@ -143,7 +143,7 @@ class LoadedMechanism:
     """A mechanism with the name and options from which it was loaded, and its payload.
 
     choice: name and options, from which a saved model loads the mechanism again.
-    bare: the mechanism from the provider.
+    bare: the mechanism as its provider built it.
     """
 
     choice: MechanismChoice
@@ -220,7 +220,7 @@ class LoadedMechanism:
     def carrying_at(self, point: Iterable[float], by_tool: Mapping[str, Array] | None = None) -> "LoadedMechanism":
         """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame.
 
-        by_tool: centres of mass of several tools, by the label of the tool.
+        by_tool: centre of mass (3,) of each tool's payload, m, by the label of the tool.
         """
         coms = tuple((label, tuple(com.tolist())) for label, com in (by_tool or {}).items())
         return replace(self.choice, payload_com=tuple(float(v) for v in point), tool_coms=coms).load()

@@ -38,7 +38,7 @@ NEIGHBOURS = 5
 five neighbours are with a probability of 1e-4."""
 
 ALIKE = 0.5
-"""Least cosine of two error vectors that count as of one direction; a quarter of random pairs have a larger one."""
+"""Least cosine of two error vectors that count as of one direction; a quarter of random pairs have a larger cosine."""
 
 MAD_SIGMAS = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation."""

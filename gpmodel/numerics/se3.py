@@ -24,8 +24,8 @@ def hat(vectors: Array) -> Array:
 def exp(twists: Array) -> Array:
     """Return the exponential (..., 4, 4) of twists (..., 6) in metres and radians.
 
-    R = I + a W + b W², p = (I + b W + c W²) v with W = hat(w), a = sin t / t, b = (1 - cos t) / t², c = (t - sin t) /
-    t³; a series below t = 1e-4. Source: Murray, Li, Sastry (1994), equation 2.36.
+    For a twist (v, w), R = I + a W + b W², p = (I + b W + c W²) v, W = hat(w), t = |w|, a = sin t / t, b = (1 - cos t)
+    / t², c = (t - sin t) / t³; a series below t = 1e-4. Source: Murray, Li, Sastry (1994), equation 2.36.
     """
     v, w = twists[..., :3], twists[..., 3:]
     t2 = np.sum(w * w, axis=-1)
@@ -105,7 +105,7 @@ def shift(points: ArrayLike) -> Array:
 def along(axis: int, values: Array) -> Array:
     """Return transforms by values along or about a coordinate axis.
 
-    axis: number in a twist; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
+    axis: index of a twist component; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
     """
     out = shift(np.zeros((len(values), 3)))
     if axis < 3:

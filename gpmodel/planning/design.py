@@ -149,7 +149,7 @@ class Criterion(Protocol):
         """Return the logarithm of the criterion for an information matrix of the unknowns."""
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the improvement by adding (sign 1) or removing (sign -1) each pose. columns: (poses, 3, unknowns)."""
+        """Return the improvement of the criterion by adding (sign 1) or removing (-1) each pose of `columns`."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class EOptimal:
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the change of the log smallest eigenvalue, exact for SHORTLIST poses, -inf for others."""
+        """Return the change of the log smallest eigenvalue by each pose: exact for SHORTLIST poses, -inf for others."""
         values, vectors = np.linalg.eigh(information)
         told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
         near = np.argsort(-sign * told)[:SHORTLIST]

@@ -152,7 +152,7 @@ GOALS: dict[str, Callable[[Array], Criterion]] = {
     "e-optimal": lambda columns: EOptimal(),
     "i-optimal": lambda columns: LOptimal(variance_root(columns)),
 }
-"""{name: function that returns the criterion of a design}, given the columns (poses, 3, unknowns) of a pool."""
+"""{name: function that returns the criterion of a design}. Argument: derivatives (poses, 3, unknowns) of a pool."""
 
 
 def geometric_problem(mechanism: Mechanism, pool: Array, noise: float) -> Design:

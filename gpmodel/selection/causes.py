@@ -2,10 +2,10 @@
 
     p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all candidate groups
 
-L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated with
-h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
-functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because a
-joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang
+L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated
+given h, and groups made superfluous by h are deleted. Candidates that differ only in constants inside their basis
+functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because
+a joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang
 (2020), sum of single effects; Raftery (1997), averaging over models near the best model.
 """
 
@@ -26,15 +26,15 @@ from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
-"""Candidates within NEAR nats of the best log evidence, at most MOST, are re-estimated; others are improbable (<
-0.0001). ALIKE: relative difference of motion up to which the measured poses cannot separate two candidates."""
+"""NEAR: largest loss of log evidence, nats, of a replacement to re-estimate (beyond: probability < 0.0001). MOST:
+largest number of replacements. ALIKE: relative difference of motion that the measured poses cannot resolve."""
 
 
 @dataclass(frozen=True)
 class Cause:
     """A possible cause of a finding: groups of effects that the data cannot distinguish, and their probability.
 
-    own: whether the selected group is among the groups of the cause (it is then the first). amount: motion by the
+    own: whether the selected group is one of the groups of the cause, then the first one. amount: motion by the
     selected effects if the cause is true, as a multiple of the fitted motion; 0 for effects outside the cause.
     """
 
@@ -46,7 +46,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class CredibleSet:
-    """Possible causes of a finding, the most probable first. none: probability (0 to 1) of a cause without a name."""
+    """Possible causes of a finding, the most probable first. none: probability (0 to 1) that the cause has no name."""
 
     causes: tuple[Cause, ...]
     none: float
@@ -58,7 +58,7 @@ class CredibleSet:
 
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
-    """Compute the probability of each candidate effect to be the true cause of a finding. g: number of its group."""
+    """Compute the probability of each candidate effect to be the true cause of a finding. g: index of its group."""
     near, groups = dict(_near(model, g)), model.pool.groups
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
     total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
@@ -97,7 +97,7 @@ def _motion(model: Active, g: int) -> dict[tuple[str, str, str], float]:
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
-    """Yield each group that could replace group g, as its number and the model with the replacement; first g itself.
+    """Yield the index of each group that could replace group g, first g itself, and the model with the replacement.
 
     The smooth terms of other groups keep their prior variances during the replacement.
     """

@@ -52,13 +52,13 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Group(Candidate):
-    """Effects that enter a model together. Their coefficients u_k ~ N(0, a spread_k²) share one prior variance a.
+    """Effects that enter a model together: their coefficients u_k ~ N(0, a spread_k²) share one prior variance a.
 
     spreads: prior standard deviations of the coefficients u_k for a = 1, scaled so that Σ spread_k² var(φ_k) = 1 with
     the basis function φ_k of effect k. √a is then the RMS motion of the group's site, rad or m. where: frame (slot) and
-    axis of the site. cap: largest √a; for specified priors the specified value. always_included: exempt from deletion.
+    axis of the site. cap: largest √a; for specified priors the specified value. always_included: never deleted.
     parts: groups of one kind at several sites that form the group, empty for a plain group. inner: nonlinear constants
-    in basis functions; None without any or if an effect is deleted.
+    in basis functions; None if there are none or an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -92,7 +92,7 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
     """Return a candidate as a group of effects that share one prior variance; None if no effect varies over the poses.
 
-    Finite priors set the ratios of the effects; effects without prior contribute equally. Constant effects are omitted.
+    Finite priors set the ratios of effects; effects without prior have equal motion. Constant effects are omitted.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
@@ -108,10 +108,10 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Group the effects of constant geometric errors: all lengths, all angles, all with priors; others are single.
+    """Group the effects of constant geometric errors: all lengths, all angles, all effects with priors; others alone.
 
     These groups of geometric errors are always in the model, with prior variances limited to the errors of a machine
-    description. Without the limit, a wrist 29 cm off in a hardly determined direction fits like two smooth terms.
+    description. Without a limit, a wrist 29 cm off in a hardly determined direction fits like two smooth terms.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:

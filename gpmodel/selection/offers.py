@@ -67,7 +67,7 @@ class Offering:
 
 
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """Return the candidate groups that vary over the measured poses, without groups of equal columns.
+    """Return the candidate groups that vary over the measured poses; of groups with equal columns only the first.
 
     The terms of an evolved program become separate candidates if one of the terms is also a candidate with a name.
     """
@@ -86,7 +86,7 @@ def without_copies(groups: Iterable[Group]) -> list[Group]:
 
 
 def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
-    """Remove from a group the terms that groups with a named cause contain. named: terms of these, by effect."""
+    """Remove from a group the terms that groups with a named cause contain. named: such terms, by effect."""
     left = tuple(part for part in group.parts if part.effects[0].terms not in named)
     return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 

@@ -122,7 +122,7 @@ class SizeClass:
     rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
-        """Return a size class (groups with equally many effects) reduced to some of its groups. at: their positions."""
+        """Return a size class (groups with equally many effects) reduced to the groups at positions `at`."""
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
@@ -133,7 +133,7 @@ class GroupPool:
     group, nats. block: index of the joint group that contains each group, -1 for none. wholes: index of each joint
     group. shared: description price that further parts of a joint group do not pay, nats: all but the log of the number
     of joints. square, rhs: sum of squares of the whitened target without registration, and its products with the unit
-    columns. constant, reading_held, kinds_held: objective, reading prices and kinds of groups with fixed variance.
+    columns. constant, reading_held, kinds_held: objective, reading prices and kinds of groups of fixed prior variance.
     """
 
     constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)
@@ -186,7 +186,7 @@ class GroupPool:
         return out
 
     def _inner(self, index: IntArray) -> Array:
-        """Return XᵀX of each group's unit columns X, whitened, without registration and tool. index: its effects."""
+        """Return XᵀX of the whitened unit columns X of each group's effects `index`, without registration and tool."""
         count, size = index.shape
         columns = self.rows.whitening.whiten(self.rows.columns([self.effects[e] for e in index.ravel()]))
         placed = self.rows.placement.T @ columns
@@ -214,7 +214,7 @@ class GroupPool:
         return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Return the inner products of all scaled columns of groups. chosen: the effects of each group that remain.
+        """Return the inner products of all scaled columns of groups. chosen: remaining effects of each group.
 
         The inner products of groups are cached, and so is the last result.
         """

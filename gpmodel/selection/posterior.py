@@ -19,10 +19,10 @@ from gpmodel.selection.group import FEW, Group
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
-"""Least noise of one coordinate, m: a tenth of an instrument's resolution. In exact data less noise is rounding."""
+"""Least noise of one coordinate, m: a tenth of an instrument's resolution. In exact data smaller noise is rounding."""
 LEAST = 10.0**-DECADES
 """Least ratio of the prior variance of a group to its largest allowed variance. A group that explains nothing reaches
-the least variance, and is deleted."""
+the least prior variance, and is deleted."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Active:
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
-        """Return the model with a new group added, in which no other group is a candidate. variance: its prior one."""
+        """Return the model with a new group, the only candidate, added at the prior variance `variance`."""
         pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
@@ -108,7 +108,7 @@ class Active:
 
     @cached_property
     def spanned(self) -> Array:
-        """Basis B of the scaled columns of the model; B Bᵀ is the ridge projection of measured rows onto them."""
+        """Basis B of the scaled columns of the model; B Bᵀ is the ridge projection of rows onto the columns."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 
@@ -127,7 +127,7 @@ class Active:
 
     @property
     def energy(self) -> float:
-        """Sum of squares of the residual: |y|² - yᵀAμ - σ² |μ|², with posterior mean μ, as (σ² I + AᵀA) μ = Aᵀy."""
+        """Sum of squares of the residual y - Aμ of target y, columns A, posterior mean μ: |y|² - yᵀAμ - σ² |μ|²."""
         taken = self.mean @ (self.rhs + self.sigma2 * self.mean) if self.variances else 0.0
         return float(self.pool.square - taken)
 
@@ -154,12 +154,12 @@ class Active:
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """Return eigenvalues of XᵀC⁻¹X and projections of XᵀC⁻¹y for the columns X of one group given the others."""
+        """Return eigenvalues of XᵀC⁻¹X and projections of XᵀC⁻¹y for a group's columns X; C: covariance of y."""
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
         return self._taken_out(at[None], np.array([self.variances[g]]))
 
     def _taken_out(self, at: IntArray, a: Array) -> tuple[Array, Array]:
-        """Return eigenvalues s of XᵀC⁻¹X = V s Vᵀ, and q = VᵀXᵀC⁻¹y, for columns X of each group given other groups.
+        """Return eigenvalues s of XᵀC⁻¹X = V s Vᵀ, and q = VᵀXᵀC⁻¹y. X: columns of each group; C: covariance of y.
 
         σ²H_gg = V h Vᵀ: posterior over prior covariance; μ: posterior mean; a s = (1 - h) / h, √a q = Vᵀμ / h.
         """
@@ -197,7 +197,7 @@ class Active:
 
     @cached_property
     def reestimated(self) -> dict[int, float]:
-        """Prior variance a of each group for the next step: the best one for one or two columns, else a |μ|² / γ.
+        """Re-estimated prior variance a of each group: the best one for one or two columns, else MacKay's a |μ|² / γ.
 
         μ: posterior mean of the group's coefficients in units of √a. γ: effective number of coefficients that the data
         determine (MacKay). The update of variances needs no eigenvalues, and is stationary at the largest evidence.

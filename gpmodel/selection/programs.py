@@ -1,4 +1,4 @@
-"""Convert evolved programs to candidates: effects at a site over the table's columns, without poles between poses."""
+"""Convert evolved programs to candidate effects at a site: functions of table columns without poles between poses."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -56,7 +56,7 @@ def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate,
 
 
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """Return each term of an unnamed evolved candidate as a candidate. cost: penalty by number of nodes, nats."""
+    """Return each term of an unnamed evolved candidate as a candidate. cost: penalty, nats, by number of nodes."""
     if candidate.family or len(candidate.effects) == 1:
         return ()
     return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
@@ -80,7 +80,7 @@ def without_poles(criteria: Criteria, candidate: Candidate, measured: States, be
 
 
 def expression_text(program: Program, names: Mapping[str, str]) -> str:
-    """Write a one-output program over the table's columns, with constants of `DIGITS` digits.
+    """Write a one-output program as text in the table's columns, with constants of `DIGITS` digits.
 
     A program that is a single input is written unscaled, because its coefficient includes the scale.
     """

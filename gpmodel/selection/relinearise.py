@@ -59,7 +59,7 @@ class Refit:
 def refit(state: Expansion) -> Refit:
     """Fit all effects θ ~ N(0, prior²), registration and tool on the exact chain, with the noise `state.sigma`, m.
 
-    Each damped step lowers the sum of squares of the measurements and of the effects divided by their priors.
+    Each damped step lowers the sum of squares of the weighted residuals and of the effects over their priors.
     """
     inflation = 1.0 + state.fitting.ratio
     model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
@@ -78,7 +78,7 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """Mark the poses with an error within `sigmas` robust standard deviations, and all but the worst OUTLIER_SHARE.
+    """Mark the poses with an error within `sigmas` robust standard deviations; at most OUTLIER_SHARE are unmarked.
 
     error: error of each pose, m. use: mask of the poses that count for the median error.
     """
@@ -111,7 +111,7 @@ def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise the kinematic chain at `state`, with groups selected before, coefficients relative to prior means."""
+    """Linearise the kinematic chain at `state`, with earlier groups; coefficients are relative to prior means."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)

@@ -152,8 +152,8 @@ def gain_null(
 def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
     """Raise the largest net gain `found` of each permuted residual, nats, to the largest net gain of any group.
 
-    s: eigenvalues of each group's XᵀC⁻¹X = V diag(s) Vᵀ. q: VᵀXᵀC⁻¹r for each residual r. No gain exceeds ½ Σ q² / s.
-    The exact gain is computed for the group of largest bound, then for groups of a still larger bound.
+    s: eigenvalues of each group's XᵀC⁻¹X = V diag(s) Vᵀ. q: VᵀXᵀC⁻¹r for each residual r. No gain exceeds the bound ½
+    Σ q² / s. The exact gain is computed for the group of largest bound, then for groups whose bound exceeds this gain.
     """
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost

@@ -57,8 +57,8 @@ class Scan:
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
         """Return log evidence gain, nats, best prior variance, and decrease of yᵀC⁻¹y of every candidate group.
 
-        The bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, S = XᵀC⁻¹X, replaces the gain of a group if the bound, with the noise estimated
-        again, is below `least`. X: columns of the group. C: covariance of the target y.
+        The bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, S = XᵀC⁻¹X, replaces the gain of a group if the bound, with re-estimated noise,
+        is below `least`, nats. X: columns of the group. C: covariance of the target y.
         """
         pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch
         variances, fit = np.ones(len(gains)), np.zeros(len(gains))
@@ -76,7 +76,7 @@ class Scan:
 class PoolBeside(GroupPool):
     """Candidate groups given other groups whose prior variance is fixed in units of the noise variance.
 
-    The groups of fixed variance are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
+    The groups of fixed variance are projected out: products uᵀv become σ² uᵀC⁻¹v, with their covariance C.
     """
 
     def __init__(self, held: Active) -> None:
@@ -102,7 +102,7 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """Fix the prior variances of groups with many coefficients, not in `moving`. pools: cache by fixed groups."""
+    """Fix the prior variances of groups with many coefficients, except groups in `moving`. pools: cache."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model

@@ -77,7 +77,7 @@ def select(
 def nothing_selected(
     calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
-    """Return a selection with only the effects of a calibration, always in the model, linearised at their values."""
+    """Return a selection of no groups: its model has only the effects of a calibration, linearised at their values."""
     screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
     fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement

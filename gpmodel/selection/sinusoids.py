@@ -41,9 +41,9 @@ class Spectrum:
     """Inner products of the rows of a model with sinusoids of a joint angle, for any frequency of a grid.
 
     angle: joint angle of each pose minus the start of the grid, rad.
-    energy: sums over each pose of r², with r the sensitivity of a measured row to the joint angle.
-    sums: sums over each pose of r times each column that is projected out.
-    rhs: sums over each pose of r times the residual of each target.
+    energy: sum of r² over the rows of each pose; r: sensitivity of a measured row to the joint angle.
+    sums: sum of sensitivity times each projected-out column over the rows of each pose.
+    rhs: sum of sensitivity times each target's residual over the rows of each pose.
     sigma2: variance of the noise.
     """
 

@@ -31,9 +31,9 @@ LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5
 SCREENED = 300
 """Largest number of poses in the screening of smooth terms; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Number of pairs of site and inputs scored exactly after screening; of proposed smooth terms; of terms at one site."""
+"""Largest numbers of pairs of site and inputs scored exactly, of proposed smooth terms, and of terms at one site."""
 COARSE, COMPONENTS = 0.6, 5
-"""Correlation length of the screening relative to half the range, and number of principal components used."""
+"""Correlation length, over half the input's range, and number of principal components in the screening."""
 TYPICAL = 100.0
 """Ratio of the prior variance in the screening of smooth terms to the mean variance of an estimated coefficient."""
 NEGLIGIBLE = 0.02
@@ -82,7 +82,7 @@ class SmoothTerm:
 
 
 def principal(column: Array) -> Array:
-    """Compute the largest principal components of the Gaussian covariance, in the screening, of an input's values."""
+    """Compute the largest principal components of a Gaussian covariance of an input's values, for the screening."""
     u = 2.0 * (column - column.min()) / max(float(np.ptp(column)), np.finfo(float).tiny)
     sizes, turn = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2.0 * COARSE**2)))
     return np.asarray(turn[:, -COMPONENTS:] * np.sqrt(np.maximum(sizes[-COMPONENTS:], 0.0)))
@@ -167,7 +167,7 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 class SiteProducts:
     """Inner products, given a model, of the motion of the measured points by a unit twist at each site and pose.
 
-    inner: products of the twists at two poses, by site, with the model projected out. rhs: products with the residual.
+    inner: products of the motions at two poses, by site, with the model projected out. rhs: those with the residual.
     """
 
     poses: IntArray
@@ -198,16 +198,16 @@ class SiteProducts:
         return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
-        """Return XᵀC⁻¹X and XᵀC⁻¹y at some sites for functions with these values. X: columns of the basis functions."""
+        """Return XᵀC⁻¹X and XᵀC⁻¹y at some sites. X: columns of basis functions `values`; C: covariance of y."""
         sites, poses, _ = self.inner[some].shape
         there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
         return values.T @ there / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
-        """Return the gain in nats at each site at a typical prior variance a: ½ a bᵀM⁻¹b - ½ ln|M|, M = I + a S.
+        """Return the gain of a smooth term at each site, nats, ½ a bᵀM⁻¹b - ½ ln|M|, for a typical prior variance a.
 
-        S = XᵀC⁻¹X and b = XᵀC⁻¹y are the products of the columns X of functions with these values. The last pivot of
-        the Cholesky factor of M bordered by √a b and a number c is √(c - a bᵀM⁻¹b)."""
+        M = I + a S; S = XᵀC⁻¹X and b = XᵀC⁻¹y are products of the columns X of the functions `values`. The last pivot
+        of the Cholesky factor of M bordered by √a b and a number c is √(c - a bᵀM⁻¹b)."""
         sites, poses, size = *self.rhs.shape, values.shape[1]
         single = values.astype(np.float32)  # its rounding is 1e-7 of the energy before the model is projected out
         there = (self.single.reshape(-1, poses) @ single).reshape(sites, poses, -1)

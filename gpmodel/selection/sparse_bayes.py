@@ -33,7 +33,7 @@ FREE = 1e4
 SHORT_LIST = 100
 """Number of best groups of a full scan that are scored again, until none of them has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
-"""Number of best groups, and shares of the utility lost by a removal that their gains must reach to begin and to go on.
+"""TOGETHER: number of best groups whose gains must reach shares BEGIN, then GO_ON, of the utility lost by a removal.
 Two groups that share nothing gain little until the first is in the model and reduces the noise: a twentieth of the loss
 (a hinge by a line and a ramp, 12 %), then more than half. A limit of a third ends two of three exchanges on a robot.
 """
@@ -42,9 +42,9 @@ Two groups that share nothing gain little until the first is in the model and re
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     """Maximise the utility over all candidate groups by exchanges, after growing the model.
 
-    Removals that failed on an earlier model are tried last, until no removal improves the model. In the trials, groups
-    of many coefficients keep their variances; a better model is grown in full. new: names of the groups of which one
-    begins every regrowth, if all other groups were tried before; None for all groups.
+    Removals that failed on an earlier model are tried last, until no removal improves the model. In a trial exchange,
+    groups of many coefficients keep their prior variances; a better model is grown in full. new: names of the groups
+    of which one begins every regrowth, if all other groups were tried before; None for all groups.
     """
     model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
@@ -66,7 +66,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
     """Add the group of largest net gain, re-estimate, and prune the model, until no candidate has a net gain.
 
     listed: groups that may be added; None for all groups. reading: whether to include the extra penalties of smooth
-    terms and long formulas. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
+    terms and long formulas. goal: utility to reach, nats; growth ends if the best groups cannot reach the goal.
     """
     model = prune(reestimate(model))
     refused, among = set[int](), listed
@@ -154,7 +154,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
-    """Update prior variances and noise by their logarithms, with half the step if the log evidence falls."""
+    """Update the logarithms of prior variances and noise, with half the step if the log evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = model.reestimated

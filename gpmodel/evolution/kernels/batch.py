@@ -117,10 +117,10 @@ def squared_distance(dx: float, dy: float, dz: float) -> float:
 def compensator_fitness(
     code: Code, fixed: Array, rows: Array, measured: Array, maximum: bool, cutoff: float, fitness: Array
 ) -> None:
-    """Fill ``fitness`` with the largest squared distance, or the sum, of three outputs from the measured points.
+    """Fill ``fitness`` with the largest or the summed squared distance of three outputs from measured points.
 
     The smallest fitness is the best. A program gets an infinite fitness, and runs on no further block of poses, once
-    its fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of ``rows`` is
+    the fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of ``rows`` is
     scratch space for the squares.
     """
     base, poses = fixed.shape

@@ -54,8 +54,8 @@ def breed_sequences(
     """Fill the genes and constants of the children of pairs of parents.
 
     At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
-    element at rate ``mutation``. The constants of a child come from the parent that is copied last. At a rate of one
-    per four mutated elements, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
+    element at rate ``mutation``. The constants of a child come from the parent that is copied last. At a rate of a
+    quarter per mutated element, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
     """
     length = genes.shape[1]
     log_cross = math.log1p(-crossover)

@@ -9,7 +9,7 @@ from gpmodel.evolution.kernels.differentiation import carry_tangents
 
 _ROUNDING = 1e-13
 TRIALS = 4
-"""Number of Levenberg-Marquardt dampings that are tried per step, each ten times the previous damping."""
+"""Number of Levenberg-Marquardt dampings that are tried in a step, each ten times the previous one."""
 
 
 @compiled
@@ -59,7 +59,7 @@ def _limited(row: Array, count: int, limit: float) -> bool:
 
 @compiled
 def explained(row: Array, site: SiteStatistics, smallest: float) -> tuple[float, float]:
-    """Return the gain of one basis function (poses,) and its coefficient, as ``Targets.set_gain`` does."""
+    """Return gain and coefficient of one basis function (poses,), as ``Targets.set_gain`` does."""
     if not _limited(row, len(row), np.inf) or site.energy <= 0.0:
         return 0.0, 0.0
     largest = 0.0
@@ -135,7 +135,7 @@ def fit_constants(
     limits: tuple[float, float, float],
     steps: int,
 ) -> float:
-    """Fit the free constants of a program in place; return the share of the residual's squares its last node removes.
+    """Fit the free constants of a program in place; return the share of residual squares that its last node removes.
 
     nodes: nodes of the program, as in ``carry_tangents``.
     limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the

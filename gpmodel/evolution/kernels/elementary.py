@@ -119,7 +119,7 @@ def arctangent(x: float) -> float:
 
 @of_a_number
 def exponential(x: float) -> float:
-    """Return exp(x) as 2^n in two halves, times a polynomial of the remainder."""
+    """Return exp(x) as 2^n, in two factors, times a polynomial of x - n ln 2."""
     t = -750.0 if x < -750.0 else (710.0 if x > 710.0 else x)
     w = t * _LOG2_E + _NEAREST
     n = w - _NEAREST

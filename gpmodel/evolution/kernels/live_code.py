@@ -77,7 +77,7 @@ def count_by_outputs(
     sizes: NDArray[np.uint16],
     reach: NDArray[np.uint8],
 ) -> None:
-    """Count the nodes of live code (code that reaches an output) by the bit set of outputs that they reach. reach:
+    """Count the nodes of live code (code that reaches an output) by the bit set of outputs that the nodes reach. reach:
     scratch space, one element per row."""
     reach[: base + count] = 0
     leaves = _leaves(words, count, base)

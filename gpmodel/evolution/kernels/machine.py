@@ -24,11 +24,11 @@ ROW = 0xFFFF
 
 @inlined
 def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
-    """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: no operand); return their number.
+    """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: none); return the number.
 
-    ``op_codes[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
-    is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. The code has no branch
-    on the op-code, because a processor could not predict branches.
+    ``op_codes[byte]`` is 256 times the op-code, plus 255 with an operand. A byte begins an instruction unless it is the
+    operand of the byte before it. An op-code at the end without its operand is dropped. The code has no branch on the
+    op-code, because a processor could not predict branches.
     """
     found = 0
     is_operand = 0
@@ -74,8 +74,8 @@ def allowed_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, 
 
 @inlined
 def reaching_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, outputs: int) -> int:
-    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the position of
-    the first.
+    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the first one's
+    position.
 
     Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
     accumulator). Instructions after the last store to an output have no effect and are left out.
