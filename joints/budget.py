@@ -217,9 +217,8 @@ def error_budget(
     chosen = tuple(s for s in sources if s.kind == kind)
     if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:
         message = f"{len(chosen)} {kind} sources, {poses} poses, {draws} draws"
-        raise InputError(
-            f"error budget: {message}; expected at least one of each, and at most {MOST_DRAWS} draws over all poses"
-        )
+        expected = f"at least 1 source, 1 pose, 1 draw, and poses times draws at most {MOST_DRAWS}"
+        raise InputError(f"error budget: {message}; expected {expected}")
     q = spread_poses(joint, poses, rng)
     parameters = np.zeros((poses, draws, PARAMETERS))
     for source in chosen:

@@ -63,7 +63,9 @@ def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | 
         joints = [f"{kind.removeprefix(JOINT)}={path}" for kind, path in files.items() if kind.startswith(JOINT)]
         ctx.default_map = {**typed["options"], **files, **({"joints": joints} if joints else {}), "folder": folder}
     except (LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"{folder}: its request was not written by gpmodel ({error})") from None
+        raise InputError(
+            f"{folder}: the saved command of the unfinished run was not written by gpmodel ({error})"
+        ) from None
 
 
 @contextlib.contextmanager

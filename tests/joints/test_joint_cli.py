@@ -152,7 +152,11 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("stiffness", "[measured]\nrows = 4000001", r"measured.rows = 4e\+06, expected 12 to 10000"),
         ("contact", 'allowed_stress = "0 MPa"', "allowed stress = 0, expected above 0 Pa"),
         ("stiffness", '[measured]\npeak_force = "-90 N"', "measured.peak_force = -90, expected above 0 N"),
-        ("budget", "draws = 10000001", "10000001 draws; expected at least one of each, and at most 1000000 draws"),
+        (
+            "budget",
+            "draws = 10000001",
+            "10000001 draws; expected at least 1 source, 1 pose, 1 draw, and poses times draws at most 1000000",
+        ),
         ("contact_types", 'type = "text"', r"no contact type; expected \[\[type\]\] entries"),
         ("stiffness", '[measured]\nfile = "none.csv"', "none.csv: cannot be read"),
         ("dynamics", 'ball_radius = "0 mm"', "ball radius = 0"),
