@@ -219,8 +219,8 @@ def _sweep(folder: Path) -> None:
 
 
 def _alive(process: int) -> bool:
-    """Return whether a process of this computer runs. On Windows the process is opened, since signal 0 means Ctrl-C
-    there."""
+    """Return whether a process of this computer runs. On Windows the process is opened, since signal 0 means Ctrl-C on
+    Windows."""
     if sys.platform == "win32":
         import ctypes
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """One line of progress. passing: True if the next line overwrites it, as for a counter of runs."""
+    """One line of progress. passing: True if the next line overwrites the line, as for a counter of runs."""
 
     text: str
     passing: bool = False

@@ -54,8 +54,8 @@ LARGEST_INTEGER = 2**63
 
 
 def seal(content: Mapping[str, object]) -> str:
-    """Return the SHA-256 checksum of JSON content without its checksum entry. The layout of the file does not
-    matter."""
+    """Return the SHA-256 checksum of JSON content without its checksum entry. The checksum does not depend on the
+    layout of the file."""
     bare = {key: value for key, value in content.items() if key != SEAL}
     text = json.dumps(plain(bare), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -79,7 +79,7 @@ def pretty_unit(unit: str) -> str:
 def measured(value: float | None, deviation: float | None, unit: str, *, in_list: bool = False) -> Stated:
     """Format a value and its standard error with two digits of the standard error and one SI prefix.
 
-    in_list: use mm for all lengths and mrad for all angles, so that the numbers of a list compare.
+    in_list: True to write all lengths in mm and all angles in mrad, so that the numbers of a list compare.
     """
     if value is None or not math.isfinite(value):
         return Stated(UNKNOWN, "", pretty_unit(unit))

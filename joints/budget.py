@@ -32,7 +32,7 @@ from joints.settings import Settings, load_settings, not_negative
 STEPS, SETTLED = 50, 1e-10
 """Largest number of Gauss-Newton steps for joint angles; change of an angle [rad] below which they end (picometres)."""
 DIFFERENCE = 1e-5
-"""Step, rad, of central differences of the ball's position by an angle; relative error of the derivatives: 1e-10."""
+"""Step, rad, of central differences of the ball's position by an angle; their relative error is 1e-10."""
 IDLE = 1e-3
 """Least motion of the tooling ball per radian, relative to its distance from the joint's centre, at which realignment
 adjusts an angle. A rotation about the line from the centre to the tooling ball does not move the ball."""
@@ -47,8 +47,8 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
     energy:
         E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p)
     With K scaled to a largest eigenvalue of 1, Gauss-Newton steps over the angles that are not at a bound minimise 2 E
-    + (IDLE |tooling_ball|)² |change of the angles|². With a large `reach` only the change of the ball's distance from
-    the joint's centre remains; with stiffness along one line, as of a link, the part of this change along the line.
+    + (IDLE |tooling_ball|)² |change of the angles|². With a large `reach`, only the change of the ball's distance from
+    the joint's centre remains, or its part along a line if the holder is stiff along that line alone, as a link is.
     Raises InputError for a negative reach or stiffness.
     """
     limit = float(not_negative("range of realignment", reach, "rad"))
@@ -77,7 +77,7 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
     """Return the derivatives (rows, 30) of the position [m] with respect to the thesis parameters at angles q (poses,
-    3), rad. Each pose has three rows, or fewer if the angles are unknown and therefore eliminated."""
+    3), rad. A pose has three rows, or fewer if its joint angles are unknown and therefore eliminated."""
     data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)
@@ -100,7 +100,7 @@ class ErrorSource:
 
     index: number of the error parameter in the thesis, 1 to 30 (Table 3.2).
     half_range: half the range of the error, m or rad.
-    kind: kind of the error, `systematic` or `stochastic`.
+    kind: `systematic` or `stochastic` error.
     source: text that names the origin of half_range.
     """
 
@@ -126,7 +126,7 @@ class ErrorSource:
         return self.half_range / (np.sqrt(3.0) if self.distribution == "uniform" else 3.0)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Draw random errors, m or rad, by this distribution, in an array of the given shape."""
+        """Draw random errors of an error source, m or rad, in an array of the given shape."""
         if self.distribution == "uniform":
             return rng.uniform(-self.half_range, self.half_range, shape)
         return self.sigma * rng.standard_normal(shape)
@@ -212,7 +212,7 @@ def error_budget(
 ) -> Budget:  # fmt: skip
     """Compute the error budget of one kind (systematic or stochastic) for poses spread by the equal distribution
     criterion.
-    Raises InputError if no source is of that kind, or the number of poses or draws is zero or too large.
+    Raises InputError if the budget has no source of the kind, or the number of poses or draws is zero or too large.
     """
     chosen = tuple(s for s in sources if s.kind == kind)
     if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:

@@ -120,8 +120,8 @@ def show(study: Study, files: list[str]) -> None:
 
 
 def lines_of(table: Table, width: int) -> Iterator[str]:
-    """Yield the lines of a table in blocks of whole columns within `width` characters. Each block starts with the first
-    column of the table. Texts break between words; numbers do not break."""
+    """Yield the lines of a table in blocks of whole columns within `width` characters. Every block of columns starts
+    with the table's first column. Texts break between words; numbers do not break."""
     columns = [[head, *(_cell(row[k]) for row in table.rows)] for k, head in enumerate(table.columns)]
     least = [max(len(word) for cell in column for word in (cell.split() or [""])) for column in columns]
     blocks: list[list[int]] = [[0]]

@@ -103,8 +103,7 @@ class HertzContact:
 
 
 def contact_modulus(one: Body, two: Body) -> float:
-    """Return 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa], the contact modulus for elastic moduli E and Poisson's ratios
-    nu."""
+    """Return the contact modulus 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]: elastic moduli E, Poisson's ratios nu."""
     return 1 / sum((1 - body.poisson**2) / body.elastic_modulus for body in (one, two))
 
 
@@ -173,7 +172,7 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
 
     Semi-axes c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), approach delta = lambda (2 F^2/(3 Re E*^2))^(1/3); force F,
     equivalent radius Re, contact modulus E*. The thesis enters a major radius of 1e6 m for both balls, which makes them
-    parallel cylinders (0.50 um); with equal radii the formulas give 4.5 um, as `hertz` does. Stiffness: F/delta.
+    parallel cylinders (0.50 um); with equal radii the formulas give 4.5 um, as `hertz` does. Stiffness is F/delta.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)

@@ -33,7 +33,7 @@ BUDGET_POSES, BUDGET_DRAWS = 40, 200
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit, such as preload, of the joint. used: required amount, in `unit`. there: available amount, in `unit`."""
+    """A limit of the joint, such as preload. used: required amount, and there: available amount, in `unit`."""
 
     topic: str
     quantity: str
@@ -57,7 +57,7 @@ class JointDesign:
 
     @property
     def governing(self) -> Limit:
-        """The limit with the largest ratio of required to available amount."""
+        """The limit of the joint with the largest ratio of required to available amount."""
         return max(self.limits, key=lambda limit: limit.share)
 
     @property
@@ -73,7 +73,7 @@ class JointDesign:
 def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
     """Read a joint and the settings of its models from a TOML file; the joint of the thesis is the default.
 
-    The radius in section [ball] is the default for sections without radius. Raises InputError for an invalid file, an
+    The radius in section [ball] applies to sections without a radius. Raises InputError for an invalid file, an
     unknown section or key, or an unknown type of contact.
     """
     given = read_toml(path) if path else {}
@@ -192,7 +192,7 @@ def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
 
 
 def _stiffness(s: dict[str, Settings]) -> float:
-    """Return the axial stiffness at rest, N/m: of film and magnets, of the epoxy layer, or of three Hertz contacts."""
+    """Return a joint's axial stiffness at rest, N/m: of film and magnets, epoxy layer, or three Hertz contacts."""
     demand, preload = s["demand"], _preload(s)
     if demand["contact"] == "fluid":
         film = spherical_film(film_geometry(s["film"]), preload, orifice_law(s["film"]["orifice"]), demand["lift"])
@@ -210,7 +210,7 @@ def _preload(s: dict[str, Settings]) -> float:
 
 
 def _budget(joint: PassiveJoint, settings: Settings, kind: str, seed: int) -> float:
-    """Return mean plus three standard deviations of the error of one kind, m; 0 without sources of this kind."""
+    """Return mean + 3 standard deviations of the systematic or stochastic error, m; 0 without sources."""
     sources = sources_of(settings)
     if not any(source.kind == kind for source in sources):
         return 0.0

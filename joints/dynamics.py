@@ -15,7 +15,7 @@ from joints.reynolds import FedFilm, squeeze_impedance
 from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
-"""Range of frequencies searched for resonance and bandwidth, relative to the natural frequency sqrt(k/m) / 2 pi."""
+"""Range of frequencies searched for resonance and bandwidth, relative to the ball's natural frequency."""
 STEPS = 400
 """Number of frequencies in the range SPAN, 2 % apart. The frequency of the largest response is refined afterwards."""
 
@@ -38,7 +38,7 @@ class BallOnFilm:
         positive("stiffness", self.stiffness, "N/m")
 
     def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return the sum k - m w^2 + Z [N/m] of stiffness k, mass m and air Z at w = 2 pi `frequency` [Hz], above 0."""
+        """Return k - m w^2 + Z [N/m]: stiffness k, mass m, air Z, angular frequency w = 2 pi `frequency` [Hz]."""
         f = positive("frequency", frequency, "Hz")
         return self.stiffness - self.mass * (2 * np.pi * f) ** 2 + self.air(f)
 
@@ -150,11 +150,11 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
 
 INSTANTS, COARSE = 256, 64
 """Number of instants of half a period in the steady state, and in the coarse search for the frequency of largest
-motion; half as many odd harmonics. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, 1 % with 128.
+motion; half as many odd harmonics. Amplitudes are within 0.5 % at any frequency with 256 instants, 1 % with 128.
 """
 SETTLED, SWEEPS = 1e-5, 20_000
 """Relative change of the friction force below which the iteration for the steady vibration ends; largest number of
-iterations (a few hundred are usually needed)."""
+iterations (usually some hundred)."""
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,9 @@ def steady_state(
 
     D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n. The stiffness k_m of the
     magnets is negative, because their pull falls with distance; they dissipate eta pi |k_m| X^2 per cycle of amplitude
-    X. f and x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each
-    instant either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the problem is a monotone complementarity
-    problem with one solution; for slow motion the solution is X = (F - F_c) / k.
+    X. Friction f and motion x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F -
+    f): at each instant either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the complementarity problem is
+    monotone with one solution; for slow motion its amplitude is X = (F - F_c) / k.
     Sources: Den Hartog (1931), Transactions of the ASME 53, for one mass and spring; Lions and Mercier (1979), SIAM
     Journal on Numerical Analysis 16, for the splitting.
     """

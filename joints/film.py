@@ -124,8 +124,8 @@ def pad_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
 
 def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
     """Return the pad load printed in Fig 4.12, pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N], symbols as in `pad_load`. The
-    printed load is that of a pressure that grows outwards. The result for Table 4.2 is 199 N; the preload is 100.7 N
-    and the classical pad carries 111 N."""
+    printed formula holds for a pressure that grows outwards. For Table 4.2 the printed pad load is 199 N; the preload
+    is 100.7 N and the classical pad carries 111 N."""
     shape = 1 - 1 / (2 * geometry.log_ratio)
     return np.pi * geometry.outer_length**2 * not_negative("socket pressure", socket_pressure, "Pa") * shape
 
@@ -211,8 +211,8 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
 
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
-    """Return the displacement [m] at which a film with inlet pressure `inlet` [Pa] carries `preload` (Fig 4.21), or 0.
-    At the displacement the flow times the film's resistance is the socket pressure."""
+    """Return the displacement [m] at which a film with pressure `inlet` [Pa] carries `preload` [N] (Fig 4.21), else 0.
+    At the returned displacement, flow times film resistance is the socket pressure."""
     supply = not_negative("inlet pressure", inlet, "Pa")
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)

@@ -78,7 +78,7 @@ def wrenches(along: Array, arm: Array) -> Array:
 
 def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
     """Return the derivatives (poses, 6, 6) of the six link lengths with respect to a twist of the tool, in the tool
-    frame. The row of a link is (u, r × u): unit vector u along the link, vector r from the tool to its upper ball."""
+    frame. A link's row is (u, r × u): unit vector u along the link, vector r from the tool to the link's upper ball."""
     turn = tool[:, :3, :3]
     along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
     arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
@@ -86,7 +86,7 @@ def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
 
 
 def unit(vectors: Array) -> Array:
-    """Return vectors (..., 3) scaled to length one."""
+    """Scale vectors (..., 3) to length one."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
@@ -109,8 +109,8 @@ def adjoint(frame: Array) -> Array:
 
 LEGS = 6
 WEAKEST = 1e-3
-"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. Below this value
-the legs do not hold the platform; two similar hexagons have the value zero."""
+"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. Below the value
+WEAKEST the legs do not hold the platform; two similar hexagons have the value zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,12 +141,12 @@ class SixLegged:
     @property
     @abstractmethod
     def joints(self) -> tuple[Joint, ...]:
-        """Measured joints of the machine."""
+        """Measured joints of the machine with six links."""
 
     @property
     @abstractmethod
     def slots(self) -> tuple[str, ...]:
-        """Names of the slots (frames at which errors act), in the order of the chain."""
+        """Names of the machine's frames (slots) at which errors act, in order from base to tool."""
 
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
@@ -157,7 +157,7 @@ class SixLegged:
     @property
     @abstractmethod
     def home(self) -> Array:
-        """Joint values (1, joints) in the middle of the workspace, rad or m."""
+        """Home pose: joint values (1, joints) in the middle of the workspace, rad or m."""
 
     @cached_property
     def link_slots(self) -> tuple[str, ...]:
@@ -317,8 +317,8 @@ Machine = TypeVar("Machine", bound=SixLegged)
 def from_settings(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
     """Build a machine from the settings of a TOML file; without a file, the built-in machine.
 
-    A machine without a name gets the name of the file. build: function of the settings and of the file name (for
-    messages) that returns the machine.
+    A machine without a name gets the name of the file. build: function that returns the machine from settings and a
+    file name for messages.
     """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
     machine = build(laid_over(kind, given, file), file)

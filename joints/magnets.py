@@ -70,8 +70,8 @@ class MagnetSeat:
         return float(np.arcsin(diameter / (2 * self.radius)))
 
     def fitting_count(self, diameter: float, angle: float) -> int:
-        """Return the number of magnets that fit on a ring at polar angle `angle`, rad. The number n is the largest at
-        which the chord 2 radius sin(angle) sin(pi/n) between neighbours is at least diameter + clearance."""
+        """Return the number of magnets that fit on a ring at polar angle `angle`, rad. The number of magnets is the
+        largest n with a chord 2 radius sin(angle) sin(pi/n) between neighbours of at least diameter + clearance."""
         chord = (diameter + self.clearance) / (2 * self.radius * np.sin(angle))
         if chord > 1:
             return 0 if self.paired else 1
@@ -113,8 +113,8 @@ class MagnetSeat:
 
 @dataclass(frozen=True)
 class PreloadDesign:
-    """A candidate design: socket, magnet ring, preload [N] and cost [$]. Angles in rad, pressures in Pa. An area ratio
-    is the area of the magnet faces over the area of the socket."""
+    """A candidate design of a magnetic preload: socket, ring, preload [N], cost [$]. Angles in rad, pressures in Pa. An
+    area ratio is the area of the magnet faces over the area of the socket."""
 
     socket_angle: float
     ring: MagnetRing
@@ -128,7 +128,7 @@ class PreloadDesign:
 
 
 def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: MagnetSeat) -> PreloadDesign | None:
-    """Return a ring with as many magnets as fit, at polar angle `angle`, rad; None if it does not fit the socket."""
+    """Return a ring with as many magnets as fit at polar angle `angle`, rad; None for a ring beyond the socket."""
     count = seat.fitting_count(magnet.diameter, angle)
     if count < 2 or angle + seat.half_width(magnet.diameter) > socket_angle + 1e-12:
         return None
@@ -198,7 +198,7 @@ class PublishedPreload:
     """A magnetic preload published in the thesis.
 
     predicted, measured: preload, N; measured is None if the value is only in a figure.
-    layers: number of magnets on top of one another.
+    layers: number of stacked magnets.
     """
 
     name: str

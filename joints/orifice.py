@@ -26,7 +26,7 @@ class Orifice(Protocol):
         """Return the inlet pressure [Pa] that drives `flow` through the orifice."""
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure; at most 0."""
+        """Return the derivative of flow by socket pressure [m^3/(s Pa)], at most 0, at constant inlet pressure."""
 
 
 @dataclass(frozen=True)

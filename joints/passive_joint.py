@@ -72,7 +72,7 @@ class PassiveJoint:
             raise InputError(f"{self.name}: rotations about {axes}, expected different axes for successive rotations")
 
     def with_angles(self, *, measured: bool) -> "PassiveJoint":
-        """Return the joint with all angles measured, or with no angle measured."""
+        """Return the joint with sensors for all angles, or for no angle."""
         return replace(self, rotations=tuple(replace(r, measured=measured) for r in self.rotations))
 
     def reaching(self, point: Iterable[float]) -> "PassiveJoint":
@@ -81,7 +81,7 @@ class PassiveJoint:
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """{slot: vector (3,) [m] that grows with temperature, in the frame of the slot}: centre to tooling ball."""
+        """{slot: vector (3,), m, from centre to tooling ball, which grows with temperature, in the slot's frame}."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
 
     @property

@@ -36,7 +36,7 @@ class MagnetRing:
 
     @property
     def face_area(self) -> float:
-        """Total area of the magnet faces [m^2]."""
+        """Total area of the magnet faces of a ring [m^2]."""
         return self.count * np.pi * self.diameter**2 / 4
 
 
@@ -48,9 +48,9 @@ def total_preload(rings: Sequence[MagnetRing]) -> float:
 def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
     """Return the largest pull [N] on the ball at `angle` from the axis, with the socket fixed (Fig 3.7).
 
-    At the angle t the limit is P / (cos t + sin t cot phi), with preload P and polar angle phi (`reaction_angle`) of
-    the resultant of the socket's reaction. The smallest limit over all angles t is P sin(phi), at t = 90 deg - phi:
-    half of P for phi = 30 deg, as in Fig 3.9.
+    At the angle t of the pull the limit is P / (cos t + sin t cot phi), with preload P and polar angle phi
+    (`reaction_angle`) of the socket's reaction. The smallest limit over all angles t is P sin(phi), at t = 90 deg -
+    phi: half of P for phi = 30 deg, as in Fig 3.9.
     """
     phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
     theta = _pull_angle(angle)
@@ -76,10 +76,10 @@ def contact_forces(
 def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
     """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads, or infinity.
 
-    The limit is the smallest positive P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)) of the supports i, with preload
-    P, pull at polar angle t and azimuth psi, and support i at polar angle phi and azimuth psi_i, 120 deg apart. For a
-    pull towards a support the minimum is P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); for a pull away
-    from a support it is P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis omits.
+    The pull is limited to the smallest positive P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)) of the supports i, with
+    preload P, pull at polar angle t and azimuth psi, and support i at polar angle phi and azimuth psi_i, 120 deg apart.
+    For a pull towards a support the minimum is P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); for a pull
+    away from a support it is P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis omits.
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0

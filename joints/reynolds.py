@@ -107,7 +107,7 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
     """Return flow [m^3/s] of one orifice and socket pressure [Pa] of isothermal compressible air that carries `load`.
 
     The flow is pi (p_s^2 - p_a^2) / (12 mu p_a G N), with absolute pressures p_s in the socket and p_a outside,
-    viscosity mu, N orifices and the integral G of `_log_integral`.
+    viscosity mu, N orifices and the integral G of dt / (sin t h^3).
     """
     target = float(positive("load", load, "N"))
     alpha, phi, r = geometry.socket_angle, geometry.orifice_angle, geometry.ball_radius
@@ -123,7 +123,7 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
 
 
 def _isothermal(socket: Array | float, share: Array) -> Array:
-    """Return the gauge pressure [Pa] of isothermal air from that of incompressible air, `share` times `socket`."""
+    """Return the gauge pressure [Pa] of isothermal air from incompressible air's, socket pressure times `share`."""
     squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
     return np.asarray(np.sqrt(squared) - ATMOSPHERE)
 
@@ -146,7 +146,7 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
 
 
 def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> tuple[Array, Array]:
-    """Return the integral of `_log_integral` from the orifices to the edge, and its derivative with respect to the
+    """Return the integral of dt / (sin t h^3) from orifices to edge, h the gap, and its derivative by the ball's
     displacement."""
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
@@ -233,9 +233,9 @@ def _lateral(geometry: FilmGeometry, lift: float, socket: float, flow_slope: flo
 NODES = 120
 """Number of nodes of the polar angle, in equal steps in and outside the ring of orifices: eigenvalues to 3 digits."""
 STEEPEST = 50.0
-"""Limit of the logarithm of a vibration's amplitude ratio over a cycle; beyond it, it dies out or is unbounded."""
+"""Limit of a vibration's log amplitude ratio over a cycle; beyond, the vibration dies out or is unbounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
-"""Volumes of the air pockets behind the orifices, relative to the volume of the gap, searched for pneumatic hammer."""
+"""Volumes of air pockets behind the orifices, relative to the gap's volume, at which pneumatic hammer is sought."""
 
 
 @dataclass(frozen=True)
@@ -286,8 +286,8 @@ class FedFilm:
         return complex(least.real, abs(least.imag))
 
     def hammering_pocket(self, mass: float, stiffness: float = 0.0) -> float:
-        """Return the smallest total volume [m^3] of the air pockets that causes pneumatic hammer. The result is 0 for
-        hammer without a pocket, and the largest of POCKETS if no pocket causes hammer."""
+        """Return the smallest total volume [m^3] of the air pockets that causes pneumatic hammer. The volume is 0 if
+        hammer occurs without a pocket, and the largest trial volume if no pocket causes hammer."""
 
         def grows(pocket: float) -> float:
             least = self.least_damped(mass, stiffness, pocket)

@@ -123,7 +123,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def _entry(default: Any, given: Any, file: str, place: str) -> Any:
-    """Return one entry of a list in SI. An entry that is a table must contain all keys, because it has no defaults."""
+    """Return one entry of a settings list in SI. An entry that is a table has no defaults and needs all keys."""
     if isinstance(default, dict) and isinstance(given, dict):
         missing = [key for key in default if key not in given]
         if missing:
@@ -132,8 +132,8 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
-    """Return the columns of the data file that the table [measured] names; None if it names no file. The file name is
-    relative to the TOML file at `path`."""
+    """Return the columns of the data file that the table [measured] names; None if it names no file. The name of the
+    data file is relative to the TOML file at `path`."""
     return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
 
 

@@ -21,8 +21,8 @@ HIGHEST = 1e-3
 
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:
-    """Return the axial stiffness [N/m] of a layer: elastic modulus pi radius^2 / thickness. Replicated layer 2702 N/um
-    (Fig 4.18 prints 2700), brass tube 138 N/um (Fig 4.19 prints 140)."""
+    """Return the axial stiffness [N/m] of a layer: elastic modulus pi radius^2 / thickness. The replicated layer has
+    2702 N/um (Fig 4.18 prints 2700), the brass tube 138 N/um (Fig 4.19 prints 140)."""
     area = np.pi * positive("radius", radius, "m") ** 2
     return positive("elastic modulus", elastic_modulus, "Pa") * area / positive("thickness", thickness, "m")
 
@@ -38,8 +38,8 @@ def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Arr
 
 
 def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacement: ArrayLike) -> Array:
-    """Return the lift [N] of the flat film at constant inlet pressure. By bisection, the socket pressure makes the flow
-    of the orifices equal to the flow of the film."""
+    """Return the lift [N] of the flat film at constant inlet pressure. Bisection finds the socket pressure at which
+    orifice flow and film flow are equal."""
     supply = float(not_negative("inlet pressure", inlet, "Pa"))
     resistance = film_resistance(geometry, edge_gap(geometry, displacement)) * geometry.orifices
     low, high = np.zeros_like(resistance), np.full_like(resistance, supply)
@@ -54,7 +54,7 @@ def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacem
 class RegimeCurve:
     """The four regimes of Fig 4.15 as one continuous curve of the tension F [N] against the displacement x [m].
 
-    Regimes: contact to `contact_end`, transition to `transition_end`, film to `film_end`, where F has its maximum
+    Regimes in x: contact to `contact_end`, transition to `transition_end`, film to `film_end`, where F has its maximum
     `peak_force`. Beyond `film_end` the magnets pull with F = peak_force (stand_off / (stand_off + x - film_end))^2.
     """
 

@@ -31,7 +31,7 @@ _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_
 def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
     """Return the gravity loads of SerialChain.loads: at every joint the force R' M g and the moment R' (S - M p) x g.
 
-    M: mass beyond the joint, kg. S: first moment of this mass about the root, kg m. R, p: rotation and origin of the
+    M: mass beyond the joint, kg. S: first moment of the mass M about the root, kg m. R, p: rotation and origin of the
     frame after the joint's motion, in the root frame. g: acceleration of gravity.
     """
     payload = np.asarray(payload, dtype=np.float64)
@@ -159,12 +159,12 @@ class SerialChain(Chain):
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on the arm at rest, one value per pose; loads, not reactions.
 
-        torque_J: generalized force of gravity on coordinate J, N m, or N for a prismatic joint. It is positive if
+        torque_J: generalized force of gravity on coordinate J, N m, or N for a prismatic joint. A torque is positive if
         gravity increases the coordinate, so that `deflection = compliance * torque` has a positive compliance.
         force_J_x .. moment_J_z: wrench, N and N m, of the weight of all parts beyond joint J, at the origin and in the
         axes of the frame J.moving.
-        force_base_x .. moment_base_z: wrench of the weight of the whole arm in the root frame, about its origin.
-        payload: payload mass per pose, kg, at `payload_com`. Without masses the result is empty.
+        force_base_x .. moment_base_z: wrench, N and N m, of the whole arm's weight in the root frame, about its origin.
+        payload: payload mass per pose, kg, at `payload_com`. Without known masses the result is empty.
         Source: sums of weights and lever arms; recursive Newton-Euler at rest (Featherstone 2008, ch. 5) agrees.
         """
         return gravity_loads(self, q, payload)
@@ -266,8 +266,8 @@ class Branches:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on every joint and on the base, named as in SerialChain.loads.
 
-        Each joint bears the weight of all parts beyond the joint; the tools carry no payload. Loads are linear in the
-        masses. The mass of a shared link counts in the first chain that contains the link.
+        A joint bears the weight of all parts beyond the joint; tools of several arms carry no payload. Loads are linear
+        in the masses. The mass of a shared link counts in the first chain that contains the link.
         """
         out = dict[str, Array]()
         for chain in self._weighed_once:
@@ -294,7 +294,7 @@ class Branches:
 
     @cached_property
     def _weighed_once(self) -> tuple[SerialChain, ...]:
-        """The chains of the arms; a shared link has its mass only in the first chain that contains it."""
+        """The chains of the arms; a shared link has its mass in the first of its chains only."""
         counted, out = set[str](), []
         for chain in self.chains:
             links = (replace(link, mass=0.0) if link.name in counted else link for link in chain.links)

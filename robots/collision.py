@@ -101,12 +101,12 @@ class Shape:
         return shape
 
     def collides(self, q: Array) -> Mask:
-        """Return for each row of joint values whether two parts of the arm are closer than CLEARANCE."""
+        """Return for each row of joint values whether two parts of the arm are closer than the clearance of 10 mm."""
         return np.asarray(self._meetings(q).any(axis=1))
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
         """Return for each pose whether a part of the arm blocks the beam from a point (3,) to the instrument (3,), m.
-        The part that carries the target is ignored."""
+        The part of the arm that carries the reflector is ignored."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
         out = np.zeros(len(q), dtype=bool)

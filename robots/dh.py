@@ -68,8 +68,8 @@ def of_another_kind(path: Path) -> bool:
 def read_dh(path: Path) -> SerialChain | Branches:
     """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows; see the docstring of this module.
 
-    Errors named NAME.moving act in a frame that moves with the joint NAME. In the modified convention it is the frame
-    after all transforms of the row; in the standard convention the frame between Tz(d) and Tx(a) of the row. The joint
+    Errors named NAME.moving act in a frame that moves with the joint NAME. The frame NAME.moving is, in the modified
+    convention, after all transforms of the row; in the standard convention, between Tz(d) and Tx(a). The joint
     moves about or along the z axis of the frame NAME.moving.
     Raises InputError if the file is unreadable, or a key is unknown, has no unit or no valid value.
     """

@@ -59,8 +59,8 @@ from gpmodel.report.schema_search import CompensationRecord
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
 """Number of programs in the population of a run.
-For compensators, the number of sequences is that of the thesis (section 5.2.2); an eighth as many trees take equal
-time. At a frame (slot of an error), one formula of one input is sought, and smaller populations suffice.
+For compensators, the number of sequences is that of Robertson (2003), 5.2.2; an eighth as many trees take equal time.
+At a frame (slot of an error), one formula of one input is sought, and smaller populations suffice.
 """
 GENERATIONS = 100
 """Number of generations of a run. Robertson (2003) gives none; after 100 the programs of a population are alike."""
@@ -260,8 +260,8 @@ def evolve(
     """Evolve programs on the residual of a model, and on permuted residuals for comparison (thesis, chapter 5).
 
     mechanism, table: objects, or names and paths.
-    model: result of `calibrate` or `discover`, or the folder or file of a result. The model is refitted to the training
-    poses. With None, programs are evolved on the residual of the standard model.
+    model: result of `calibrate` or `discover`, or the folder or file of a result. A given model is refitted to the
+    training poses. With None, programs are evolved on the residual of the standard model.
     effects: named effects of the model, as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
     strategies: representations of programs, Linear and Tree; None for the defaults of the space.

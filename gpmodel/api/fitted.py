@@ -39,7 +39,7 @@ class RecordedResult:
         """One row per input in round 1: number of evolved programs that contain it, also on permuted residuals, p,
         significance.
 
-        The rows are empty if no program was evolved.
+        The histogram is empty if no program was evolved.
         """
         found = self.record.histograms[0] if self.record.histograms else without_runs((), 1.0)
         rows = {

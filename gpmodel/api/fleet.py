@@ -119,8 +119,8 @@ class FleetResult(Shown):
         """Return one row per machine and parameter or block of effects, SI units.
 
         Columns: serial, parameter, unit, value, stderr, shrunken value and stderr (of effects that vary between
-        machines), mean and spread of the type, z (deviation from other machines), chance, outlier. The noise is a
-        logarithm of metres. A block of effects has no values, and a spread relative to that of the prior.
+        machines), mean and spread of the type, z (deviation from other machines), chance, outlier. The parameter for
+        noise is the logarithm of metres. A block of effects has no values, and a spread relative to that of the prior.
         """
         return pd.DataFrame(
             [
@@ -179,7 +179,7 @@ def fleet(
 ) -> FleetResult:
     """Calibrate machines of one type together: mean of each parameter, spread between machines, outlying machines.
 
-    Each machine is also calibrated alone and with the prior of the type.
+    Every machine of the fleet is also calibrated alone and with the prior of the type.
     mechanism: mechanism of all machines; None if fleet.toml in the folder names the mechanism.
     tables: a folder with one table per machine, or tables by serial number.
     effects: as in `calibrate`; () for the geometry alone; None to select effects of the type, then of single machines.
@@ -277,7 +277,7 @@ def _machine_parts(
 ) -> tuple[MachinePart, ...]:
     """Return the records of the machines: noise of the fit to all poses, and errors on held-out poses.
 
-    own: effects of each machine alone. under: fitted loads of each machine that differ from the declared loads.
+    own: further effects of each machine. under: fitted loads of each machine that differ from the declared loads.
     """
     out, folders = [], folder_names(list(found))
     for name, (serial, machine), extra, loads in zip(folders, found.items(), own, under, strict=True):

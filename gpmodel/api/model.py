@@ -137,7 +137,7 @@ class Model(Shown):
         max_move: largest correction of a joint, deg.
         point: the point that is brought to x, y, z: "tool", the fitted tool point (reflector), or "frame", the origin
         of the measured link (flange). Correction and residual refer to the selected point.
-        session, in_order: as in `predict`.
+        session, in_order: see `predict`.
         seed: random seed of the initial joint values for Cartesian targets.
         Raises InputError for a table without joint values or positions, or for targets that do not fit the model.
         """

@@ -115,8 +115,8 @@ def regress(
     seconds: duration of the search, unless an exact formula is found earlier. At most 100 (1 + seconds) rows, drawn at
     random, are searched; the constants are fitted to all rows afterwards. The search may exceed the time limit.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
-    The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula
-    explodes between neighbouring rows, its deviation from a straight line counts as a residual in R². A formula with a
+    The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula grows
+    without bound between neighbouring rows, its deviation from a straight line counts in R². A formula with a
     pole between neighbouring rows is returned only if it is exact at the rows.
     Raises InputError for inconsistent shapes, fewer than 5 rows, a constant y, or values that are complex, masked, not
     finite or above 1e100.

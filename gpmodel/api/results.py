@@ -27,7 +27,7 @@ def check_writable() -> None:
 def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], None]) -> None:
     """Write report.json, the pages, poses.csv and figures into `folder`.
 
-    beside: functions of a folder that write further files into the folder.
+    beside: functions that write further files into a folder, their argument.
     Raises InputError if a file cannot be written.
     """
     check_writable()

@@ -46,16 +46,16 @@ FULL_TURN = float(np.radians(361.0))
 DAMPED_ITERATIONS = 12
 """Number of Levenberg-Marquardt steps of the inverse kinematics with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Damping weights of a radian of joint motion, m, relative to tool orientation (times ROTATION_WEIGHT). Each further
-damping weight reduces the joint motion about threefold."""
+"""Damping weights of a radian of joint motion, relative to the weight of tool orientation, ROTATION_WEIGHT, m per rad.
+From one damping weight to the next, the joint motion falls about threefold."""
 
 
 @dataclass(frozen=True)
 class TargetPoses:
     """Target poses of the tool in the root frame; inverse kinematics starts from the joint values of `dataset`.
 
-    whole: True for position and orientation, False for position only. unreachable: row numbers of targets that the
-    nominal mechanism cannot reach.
+    whole: True if targets have position and orientation, False for positions. unreachable: row numbers of targets that
+    the nominal mechanism cannot reach.
     """
 
     dataset: Dataset
@@ -91,8 +91,8 @@ def targets_in(
 ) -> TargetPoses:
     """Read targets from a table: joint values, or else x, y and z in the root frame.
 
-    text: cells of the table. path: name in messages. in_order: True if targets are approached in the order of the rows.
-    Raises InputError for a table without targets for this mechanism.
+    text: cells of the table. path: file name for error messages. in_order: True if targets are approached in the order
+    of the rows. Raises InputError for a table without targets for this mechanism.
     """
     mechanism = saved.mechanism
     names = {split_header(str(c))[0] for c in text.columns}
@@ -142,7 +142,7 @@ def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
 
 
 def of_frame(saved: SavedModel) -> SavedModel:
-    """Return the model with the origin of the measured frame in the place of the tool point."""
+    """Return the model with its tool point moved to the origin of the measured frame."""
     at_frame = dict.fromkeys(saved.placement.tool, np.eye(4))
     covariance = saved.covariance.with_certain([n for n in saved.covariance.placement if n.startswith("tool")])
     return replace(saved, placement=replace(saved.placement, tool=at_frame), covariance=covariance)
@@ -157,8 +157,8 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    With at least six joints for each tip of a pose, a target has position and orientation, else a position. Raises
-    InputError if the joint values do not belong to the machine of the model.
+    With at least six joints for each tip of a pose, a target has position and orientation, else a position alone.
+    Raises InputError if the joint values do not belong to the machine of the model.
     """
     fitting = with_memory_columns(saved, matched_with_readings(saved, dataset))
     whole = len(saved.mechanism.joints) >= 6 * np.bincount(poses_of_tips(fitting)).max(initial=1)
@@ -308,7 +308,7 @@ def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, dam
 
         dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
 
-    J_p, J_o: Jacobians of position and orientation. m_p, m_o: remaining errors. w: ROTATION_WEIGHT.
+    J_p, J_o: Jacobians of position and orientation. m_p, m_o: their errors, m, rad. w: weight of an angle, m/rad.
     """
     start, frames = targets.dataset.subset(rows), targets.frames[rows]
     q = np.array(start.q)

@@ -22,15 +22,15 @@ from gpmodel.model.sites import sites_of
 
 @dataclass(frozen=True)
 class TrainingProblem:
-    """Search problem of the training poses. heldout: share of the held-out error that a program removes, or None."""
+    """Genetic programming on training poses. heldout: share of the held-out error that a program removes, or None."""
 
     problem: Problem
     heldout: Callable[[Program], float] | None
 
 
 MILLIMETRE = 1e3
-"""Conversion factor, mm per m. Compensators use millimetres, so that errors are of order one, like the constants of
-Table 5.1 and the values of sin, cos and atan."""
+"""Conversion factor, mm per m. Compensators use millimetres, so that errors are of order one, like the values of sin,
+cos, atan and the constants in Robertson (2003), Table 5.1."""
 
 
 def cartesian_task(
@@ -59,8 +59,8 @@ def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) ->
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
     """Return the problem of a compensator from modelled to measured points, mm: Fig 5.2 of Robertson (2003).
 
-    The points are in the root frame. Inputs are, as in Table 5.1, the point, the joint values, and every varying
-    column. rows: numbers of the poses. Raises InputError if no pose has all three coordinates."""
+    Points are in the mechanism's root frame. Program inputs are, as in Table 5.1, the point, the joint values, and
+    every varying column. rows: numbers of the poses. Raises InputError if no pose has all three coordinates."""
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):
         raise InputError(f"{poses.dataset.source}: no pose has x, y and z; expected all three for a compensator")

@@ -28,12 +28,12 @@ def columns_beyond(saved: SavedModel, poses: Poses) -> set[str]:
 
 
 def extrapolated(saved: SavedModel, fitted: Placement, problem: Linearised) -> Array:
-    """Return the errors of a model at rows of a later session beyond the fit, m, one column per unknown, of one
-    standard deviation each; without columns within the ranges of the fit.
+    """Return the errors, m, of one standard deviation that unknowns cause at later rows beyond the ranges of the fit,
+    one column per unknown; no columns within the ranges.
 
-    With the columns h of an effect and F of the fitted parameters at the fit, and g, G at later rows, the effect is
-    known to ± σ/|h - F b| from the fit, with F b the part that the parameters absorbed. The effect moves later rows by
-    g - G b. Errors come from effects of the catalogue with an input beyond its range. The unstated centre of mass of a
+    Derivatives are h for an effect and F for the fitted parameters at the fitted rows, and g, G at later rows. The fit
+    determines the effect to ± σ/|h - F b|; F b is the part of h along F, σ the noise. The effect moves later rows by g
+    - G b. Only catalogue effects with an input beyond its fitted range cause errors. The unstated centre of mass of a
     payload beyond the range is taken to lie within the lever of the tool point.
     """
     return np.column_stack(

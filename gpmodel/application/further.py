@@ -1,6 +1,6 @@
 """Errors at poses that were not fitted: bounds by simulation, errors of `predict` at held-out poses, discrepancy.
 
-Each simulation draws the model's parameters from their covariance, and noise with uncertain scale and tails.
+Simulations draw the model's parameters from their covariance, and noise with uncertain scale and tails.
 Source: JCGM 101 (2008), propagation of distributions.
 
 Model discrepancy is the error of a fitted model that is neither noise nor uncertainty of its parameters. With r
@@ -77,8 +77,8 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
 
     No bound is computed if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown
     at further poses, or the measurements hardly outnumber the unknowns.
-    spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None for
-    `fit.sigma`. A search for effects fits a part of the noise, so that residuals are too small by spread / fit.sigma.
+    spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None: `fit.sigma`. A
+    search for effects fits a part of the noise, so that residuals are too small by spread / fit.sigma.
     """
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
@@ -131,8 +131,8 @@ def _over_worlds(
 ) -> ErrorBounds:
     """Return bounds on the error at further poses by simulation.
 
-    columns: derivatives of the predicted points with respect to the unknowns. covariance: of the unknowns. excess:
-    factor on the noise.
+    columns: derivatives of the predicted points with respect to the unknowns. covariance: covariance of the unknowns.
+    excess: factor on the noise.
     """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -171,7 +171,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
 
 def heldout_errors(poses: Poses, parts: Sequence[HeldOutFit], *, as_measured: bool) -> Array:
-    """Return the 3-D error of every pose, m, by the fit that held the pose out; NaN if no fit did."""
+    """Return the 3-D error of every pose, m, by the fit that held the pose out; NaN if every fit used the pose."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -188,9 +188,9 @@ def with_discrepancy(
 
         discrepancy² = max(0, mean square held-out error - noise² - variance by parameters and other causes)
 
-    parts: fits with held-out poses; if empty, each pose is left out in turn. noise: stated standard deviation of a
-    coordinate, m; None for that of the instrument's specification or, without a specification, `noise_within`. Only
-    poses with measured x, y and z count.
+    parts: fits with held-out poses; without such fits, each pose is left out in turn. noise: stated standard deviation
+    of a coordinate, m; None for that of the instrument's specification or, without a specification, `noise_within`.
+    Only poses with measured x, y and z count.
     """
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
@@ -251,7 +251,7 @@ LENGTHS = (0.3, 0.08)
 """Correlation lengths of the model discrepancy, as shares of a joint's range: one period over the range, and four."""
 ORDER = 4
 """Largest number of joints in a term of the model discrepancy. With two joints per term, one more simulated robot in a
-hundred has an error above two sigma."""
+hundred has an error above two standard deviations."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Grid of γ, the variance ratio of model discrepancy and noise. Below 0.01 discrepancy changes no standard error."""
 
@@ -294,7 +294,7 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, flo
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
-    """Return the row numbers of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
+    """Return the row numbers of fitted poses with x, y and z, one per repeated pose, at most 200 (MOST_POSES)."""
     use = np.setdiff1d(_whole(poses), fit.outliers)
     first = np.sort(np.unique(sharing(poses.dataset)[use], return_index=True)[1])
     chosen: IntArray = use[first[np.linspace(0, len(first) - 1, min(len(first), MOST_POSES)).astype(int)]]

@@ -28,8 +28,8 @@ from gpmodel.table.dataset import Dataset, with_payload
 REACHED = 1e-7
 """Largest distance from a target that counts as reached, m: a tenth of the displayed micrometre."""
 ITERATIONS = 60
-"""Largest number of Newton steps of inverse kinematics to a target. Near a solution every step squares the error, so
-that more steps do not help."""
+"""Largest number of Newton steps of inverse kinematics to a target. Near a solution every Newton step squares the
+error, so that more steps do not help."""
 DAMPING = 1e-12
 """Smallest damping of inverse kinematics, m²/rad²: so small that steps near a solution are Newton steps."""
 LONGEST_STEP = 0.3
@@ -83,8 +83,8 @@ def solve(
     """Return joint values near the values in `dataset` that reach the targets, and the remaining error, m.
 
     The solver is Levenberg-Marquardt for each pose separately. Source: Moré (1978). Rows of different tips (of several
-    arms) with equal initial joint values are one pose, which reaches all their targets. whole: True for position and
-    orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if kinematic loops cannot close.
+    arms) with equal initial joint values are one pose, which reaches all their targets. whole: True to reach position
+    and (weighted) orientation; False for position alone. The error is infinite if kinematic loops cannot close.
     most: largest number of Newton steps.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
@@ -146,7 +146,7 @@ def inverse(
 ) -> tuple[Array, Mask]:
     """Return nominal joint values for targets in the root frame, and a mask of the reached targets.
 
-    Of several solutions, the solution nearest the middle of the joint ranges is returned. Initial values are the poses
+    Of several inverse solutions, that nearest the middle of the joint ranges is returned. Initial values are the poses
     of a random pool with the nearest tools, then random values. An unreached target keeps its nearest initial values.
     """
     pool = random_poses(saved.mechanism, POOL, rng)
@@ -165,14 +165,14 @@ def inverse(
 
 
 def _place(frames: Array, whole: bool) -> Array:
-    """Return points whose distance measures the difference of tool poses: positions, and axes times ROTATION_WEIGHT."""
+    """Return points whose distance measures the difference of tool poses: positions, m, and weighted axes, m."""
     axes = ROTATION_WEIGHT * frames[:, :3, :3].reshape(len(frames), 9)
     return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Return the best solution from several initial values, and its cost; a cost of UNSOLVED or more means that no
-    initial value led to the target."""
+    """Return the best solution from several initial values, and its cost, which is at least UNSOLVED if no initial
+    value led to the target."""
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
     each = np.repeat(np.arange(count), tries)
@@ -227,8 +227,8 @@ def with_model_labels(saved: SavedModel, dataset: Dataset) -> Dataset:
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Match a dataset to a model as `with_model_labels` does, after a check that both are of one machine.
 
-    Raises InputError for unknown labels or inputs, and if the residual of most positions exceeds POOR_LENGTH after a
-    fit of registration and tool point.
+    Raises InputError for unknown labels or inputs, and if the residual of most positions exceeds 1 cm (POOR_LENGTH)
+    after a fit of registration and tool point.
     """
     if mixed := mixed_up(saved.mechanism, dataset):
         raise InputError(f"{dataset.source}: {mixed}; expected a table of {saved.mechanism.name}")

@@ -41,7 +41,7 @@ class Measured:
 
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
-    """Return the measured table as JSON, SI; None if a table lacks or has a kind of measurement that tables cannot
+    """Return the measured table as JSON, SI; None without a table, or with a kind of measurement that a file cannot
     hold."""
     if measured is None or not all(
         isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
@@ -106,7 +106,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
 
 
 def _earlier_weights(part: ModelPart) -> Weights:
-    """Return the weights of a file without `weights_m`."""
+    """Return the weights of kinds of measurements from an older model.json without the entry `weights_m`."""
     lever = {} if part.lever_m is None else {Orientation.name: part.lever_m}
     return lever if part.measured is None else {**lever, **part.measured.counted_m}
 
@@ -129,7 +129,7 @@ class SavedModel:
     ranges: lowest and highest fitted value of joints and input columns, SI or the table's unit.
     measured: the fitted table, None if not saved.
     noise, discrepancy: standard deviation of one component, m, of the instrument and of the model discrepancy (see
-    `application.further`); None and zero if not estimated.
+    `application.further`); Noise is None and discrepancy zero if not estimated.
     """
 
     model: ErrorModel

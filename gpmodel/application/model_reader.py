@@ -1,7 +1,7 @@
 """Read files with a checksum safely, and define model.json with bounds for every field.
 
 A model may come from an untrusted source. Reading a model runs no code from it, opens no other file, and needs memory
-and time in proportion to the file, which has at most `LARGEST_FILE` bytes.
+and time in proportion to the file, which has at most 64 MiB.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ MOST_TERMS = 64
 MOST_COLUMNS = 500
 """Largest number of columns of a table in a model file, and of labels of one kind."""
 MOST_UNKNOWNS = 5000
-"""Largest number of unknowns of registration, tools and instruments in a model file. A pose of a ball bar has five."""
+"""Largest number of unknowns of registration, tools and instruments in a model file. A ball bar's pose has five."""
 MOST_ROWS = 1_000_000
 """Largest number of rows of a table in a model file: a hundred times the largest measured table."""
 LARGEST_NUMBER = 1e13
@@ -290,8 +290,8 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
 
 
 def converted(content: object, kind: type[Part], word: str) -> Part:
-    """Convert the content of a JSON file to a record. Raises InputError naming a missing or invalid field; `word` names
-    the content in messages."""
+    """Convert the content of a JSON file to a record. Raises InputError naming a missing or invalid field; word: name
+    of the content in messages."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

@@ -21,13 +21,13 @@ from gpmodel.arrays import Array, IntArray, NotNegative, Share
 from gpmodel.numerics.interval import COVERAGE
 
 SIGNIFICANCE = 0.005
-"""Significance level of each of the two tests of a model (whole residual; named changes). The sum is 1 %."""
+"""Significance level of each of the two tests of a model (whole residual; named changes); both together have 1 %."""
 MOST = 4
 """Largest number of identified changes of a machine. With more changes, the verdict is "another machine"."""
 AS_LIKELY = 4.0
-"""Part of the chi-square explained by a change that an equivalent change need not explain: two standard deviations."""
+"""Largest difference of the chi-square that two equivalent changes explain: two standard deviations squared."""
 LARGEST = 0.01
-"""Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
+"""Largest detectable shift of a joint zero, rad or m, that is reported. Larger shifts are called undetectable."""
 POWER = 0.9
 """Probability that a change is detected, for the change to be called detectable."""
 
@@ -54,7 +54,7 @@ class NamedChange:
 
 @dataclass(frozen=True)
 class Visible:
-    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs all changes."""
+    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs all such changes."""
 
     joint: str
     unit: str
@@ -149,7 +149,7 @@ def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, I
 
 
 def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
-    """Return the smallest change of each joint zero that the measured poses detect with the probability POWER."""
+    """Return the smallest change of each joint zero that the measured poses detect with probability POWER (0.9)."""
     zeros = {h.name: h for h in tried if h.kind == "zero"}
     out = []
     for joint in found.session.saved.mechanism.joints:

@@ -1,9 +1,9 @@
 """Check a machine against its model pose by pose: select the next pose to measure, and decide when to stop.
 
-With n poses, each of the two tests of a model has the significance level FALSE_ALARM · 6 / (π² k²), k = n - 5. All
-tests together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends
-when a change is identified, or when any change of a joint zero, the tool, the geometry or the size of an effect that
-moves the tool by more than a limit would be significant.
+With n poses, each of the two tests of a model has the significance level α · 6 / (π² k²), k = n - 5, α = FALSE_ALARM.
+All tests together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check
+ends when a change is identified, or when any change of a joint zero, the tool, the geometry or the size of an effect
+that moves the tool by more than a limit would be significant.
 """
 
 import math
@@ -29,7 +29,7 @@ from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 LAST = 20
-"""Number of poses of the last test whose report is kept. Later tests have a level below FALSE_ALARM / 700."""
+"""Number of poses of the last test whose report is kept. Later tests have a level below 0.0001."""
 EXCLUDED: tuple[Kind, ...] = ("zero", "tool", "size", "geometry")
 """Kinds of change that a check has to exclude before it confirms the model of a machine."""
 FALSE_ALARM = 0.05
@@ -40,7 +40,7 @@ SEEN = 1e-6
 """Least share of a joint zero's displacement that registration does not absorb. With a smaller share, the poses do not
 determine the joint zero."""
 SAME = 1e-4
-"""Largest difference of joint values that count as one pose, rad or m."""
+"""Largest difference of joint values of one pose, rad or m."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def level(saved: SavedModel, dataset: Dataset) -> float:
     """Return the significance level of a check's present test: that of the first test that reported a change, if any.
 
     Earlier tests used the first 6, 7, ... different poses. A change that a test reports remains reported as long as it
-    is significant at the level of that test, which adds nothing to FALSE_ALARM.
+    is significant at the level of that test, which does not raise the probability of a false alarm.
     """
     pose_id = sharing(dataset)
     starts = np.sort(np.unique(pose_id, return_index=True)[1])
@@ -82,7 +82,7 @@ def level(saved: SavedModel, dataset: Dataset) -> float:
 class Pool:
     """Candidate poses of a check: the poses of the model's fit, which the arm can reach.
 
-    found: result of the check so far; None if there are too few poses for a test.
+    found: result of the check on the measured poses; None if they are too few for a test.
     """
 
     saved: SavedModel
@@ -127,7 +127,7 @@ class Pool:
     def unseen(self, level: float, limit: float) -> tuple[HiddenChange, ...]:
         """Return the possible changes that could move the tool by more than `limit`, m, without being detected.
 
-        level: significance level of the test for changes.
+        level: significance level of the test for a change.
         """
         levers = _levers(*self._motions(self._tried, self.poses))
         share = np.concatenate([np.full(c.columns.shape[1], c.share) for c in self._tried])

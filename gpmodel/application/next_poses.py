@@ -128,14 +128,14 @@ class PlanningContext:
     def _precision(self) -> Array:
         """Prior precision (one over the variance) of each parameter of the model.
 
-        Constants that the measured poses may not determine have the prior standard deviation BUILT.
+        Constants that the measured poses may not determine have the prior standard deviation 1 mm or 1 mrad (BUILT).
         """
         effects = self.saved.model.effects
         priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
         return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
 
     def _amplitude_last(self, poses: Poses, finding: Alternatives, rival: tuple[Effect, ...]) -> Array:
-        """Return the columns of the model without the finding, of the alternative, and of the fitted finding."""
+        """Return derivatives with respect to other parameters, the alternative, and the finding's amplitude."""
         columns = self._columns(poses, rival)
         at = len(self.saved.covariance.placement) + finding.effects
         shape = columns[:, :, at] @ self.saved.theta[finding.effects]
@@ -143,7 +143,7 @@ class PlanningContext:
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
         """Return the derivatives of the coordinates with respect to registration, tool, effects and `more`, over the
-        noise σ. The part of derivatives that unmeasured joints absorb is projected out.
+        noise σ. Motions of unmeasured joints are projected out.
 
         """
         saved = self.saved

@@ -1,8 +1,8 @@
 """Loads that a description or a table states wrongly: an undeclared payload, a wrong direction of gravity.
 
-Joint j and the base deflect by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load of a unit of change k of
-payload or gravity. All compliances c_j share the changes x, which are found by variable projection (Golub and Pereyra
-1973).
+Joint j and the base deflect by c_j (T_j + Σ_k x_k U_jk). T_j: declared load. U_jk: load by a unit of change k of
+payload or gravity; x_k: its size. All compliances c_j share the changes x_k, which variable projection estimates (Golub
+and Pereyra 1973).
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -90,8 +90,7 @@ def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball)
 
 
 def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
-    """Return the weights of an effect along the axes of a ball's shift; None if the effect acts elsewhere or across the
-    shift."""
+    """Return the weights of an effect along the axes of a ball's shift; None if it acts otherwise."""
     given = {(term.slot, term.axis): term.weight for term in terms}
     if len({str(term.basis) for term in terms}) > 1 or not set(given) <= {(slot, axis) for slot, axis, _ in shift}:
         return None
@@ -187,9 +186,10 @@ def _compliances(residual: Residual, findings: Sequence[Candidate], pool: Sequen
 def causes_of(
     residual: Residual, own: Candidate | None, pool: Sequence[Candidate], changes: Sequence[Effect] = ()
 ) -> CauseSet:
-    """Return all candidates that may replace the finding `own`, with probabilities. residual: of the model with `own`.
+    """Return all candidates that may replace the finding `own`, with probabilities.
 
-    pool: candidates. changes: corrections of the constants inside the finding, which are also parameters of the model.
+    residual: residual of the model with `own`. pool: candidate effects. changes: corrections of constants in the
+    finding, which are also parameters of the model.
     """
     inside = (*(own.effects if own else ()), *changes)
     without = residual.without(inside) if inside else residual
@@ -208,7 +208,7 @@ def causes_of(
 
 
 def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
-    """Fit a cause's effects to the residual without a finding. system: columns of the model without the finding."""
+    """Fit an alternative cause to the residual without a finding. system: columns of the model without it."""
     if not effects:
         return FittedCause((), probability, np.zeros((system.shape[1], 0)), np.zeros(0), np.zeros((0, 0)))
     columns = residual.columns(effects)
@@ -243,7 +243,7 @@ def _system_of_fit(residual: Residual) -> Array:
 def with_cause_variance(fit: Calibration, poses: Poses, places: Sequence[CauseSet]) -> Calibration:
     """Return a fit whose standard errors include the uncertainty about the causes of its findings.
 
-    The fit is unchanged if no finding has a probable alternative cause. The standard error of a finding assumes that
+    A fit whose findings have no probable alternative cause is unchanged. The standard error of a finding assumes that
     the finding is right, and includes the alternative causes of other findings. Predictions include only causes that
     joint values determine.
     """

@@ -35,9 +35,9 @@ SHARES: dict[Kind, float] = {
     "catalogue": 1 / 6,
 }  # fmt: skip
 """Share of the significance level, and prior probability, of each kind of change, in the order of checks by a repairer.
-Within a kind the shares are in proportion to exp(-penalty). Frequent causes (slips, crashes) get the most."""
+Within a kind the shares are in proportion to exp(-penalty). Frequent causes (slips, crashes) get the largest shares."""
 LEAST = 1e-3
-"""Least part of a change that registration and tool do not absorb, for the change to be tested."""
+"""Least share of a change's displacements that registration and tool do not absorb, for the change to be tested."""
 STANDING = "base"
 """Name of the frame (slot) between the machine and its foundation."""
 SLIP = "tool_slip"
@@ -87,7 +87,8 @@ class PossibleChange:
         return u[:, kept], s[kept], v[kept]
 
     def explained(self, z: Array) -> tuple[float, int]:
-        """Return the part of the chi-square |z|² that the change explains, and the number of its parameters."""
+        """Return the part of the residual's chi-square |z|² that the change explains, and the change's number of
+        parameters."""
         part = self._parts[0].T @ z
         return float(part @ part), len(part)
 
@@ -114,8 +115,7 @@ class PossibleChange:
         return chance_by_noise(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change: the length of the vector of its parameters with the unit
-        `unit`."""
+        """Return size and standard error of the change; size: length of the vector of its parameters in `unit`."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
         its_unit = [not self.effects or effect.unit == self.unit for effect in self.effects or values]
@@ -261,7 +261,7 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _kind_of(candidate: Candidate, clocks: set[str | None]) -> Kind | None:
-    """Return the kind of change that a catalogue candidate is; None for a sum of several functions."""
+    """Return the kind of change that a catalogue candidate is; None for a candidate that sums functions."""
     if candidate.kind not in ("single", "harmonic") and candidate.family != SLIP:
         return None
     effects = candidate.effects
@@ -318,6 +318,6 @@ def log_likelihood(left: Recheck, explained: float = 0.0) -> float:
 
 
 def chance_by_noise(found: Recheck, score: float, numbers: int) -> float:
-    """Return the probability that noise alone makes the part of the chi-square explained by `numbers` fitted parameters
-    at least `score`."""
+    """Return the probability that `numbers` fitted parameters explain at least `score` of the chi-square of noise
+    alone."""
     return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0

@@ -24,7 +24,7 @@ from gpmodel.table.units import joint_column, split_header
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
-    """Return the standard deviation of each predicted point, m, without noise of the instrument; NaN if not fitted.
+    """Return the standard deviation of predicted points, m, without instrument noise; NaN for unfitted models.
 
     The standard deviation is √(trace(J Σ Jᵀ) + 3 d²), with derivatives J of the point, covariance Σ of the parameters
     over alternative explanations of the findings, and model discrepancy d.
@@ -93,7 +93,7 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
 
 
 def batches(count: int) -> list[IntArray]:
-    """Divide the row numbers of a table, in order, into batches of at most AT_ONCE."""
+    """Divide the row numbers of a table, in order, into batches of at most 5000 (AT_ONCE)."""
     return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
@@ -104,7 +104,7 @@ def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
 
 
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
-    """Predict a batch of poses. solved: True to return also the solved joint values as columns."""
+    """Predict a batch of poses. solved: True to return also joint values that were solved from measurements."""
     check_finite(saved, given)
     poses, observed = observed_by(saved, given)
     tip = observed.tip

@@ -37,7 +37,7 @@ from gpmodel.table.blocks import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
-"""Largest number of Gauss-Newton steps for a later registration; each step excludes new outliers. Three suffice."""
+"""Largest number of Gauss-Newton steps for a later registration; steps exclude outliers; three steps suffice."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Session:
 
     @property
     def tool(self) -> bool:
-        """True if every tool is fitted again."""
+        """True if the tool point of every tool is fitted again."""
         return self.again.issuperset(self.saved.placement.tool)
 
     @property
@@ -166,12 +166,12 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 NORMAL = 3.0
 """Kurtosis of a normal distribution (fourth moment over squared variance)."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
-"""Least number of different poses and of degrees of freedom to test a model: the values for four registered points."""
+"""Least number of different poses and of degrees of freedom to test a model: those of four registered points."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance V = σ² (I + U s² Uᵀ), U orthonormal. Repeats of a pose are averaged to one row."""
+    """Covariance V = σ² (I + U s² Uᵀ), σ noise, U orthonormal. Repeats of a pose are averaged to one row."""
 
     sigma: float
     u: Array
@@ -187,7 +187,7 @@ class Spread:
 class Recheck:
     """Whitened residuals of a later session.
 
-    z: whitened residual. basis: orthonormal basis of the projected-out span.
+    z: whitened residual. basis: orthonormal basis of the columns that are projected out of z.
     pose_id: label of every pose, equal for repeats. pose: pose index of every row.
     freedom: degrees of freedom of the noise σ.
     anew: names of the parameters that the session fits.
@@ -311,7 +311,7 @@ def recheck(session: Session) -> Recheck:
 
 
 def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
-    """Return the effect of uncertain undeclared functions on the session's rows; empty if the model has none."""
+    """Return the effect of uncertain undeclared functions on the session's rows; empty without undeclared functions."""
     saved = session.saved
     if saved.measured is None or not has_functions(saved.model):
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))

@@ -1,8 +1,8 @@
 """Refit a model to the poses of a check that identified a change of the machine, with the former model as prior.
 
 Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters have the covariance Σ + D Dᵀ: one column
-of D per parameter, which moves the tool by WIDE times the RMS error of the poses. With x = m + L u, L Lᵀ = Σ + D Dᵀ,
-every Gauss-Newton step is
+of D per parameter, which moves the tool by WIDE = 10 times the RMS error of the poses. With x = m + L u, L Lᵀ = Σ + D
+Dᵀ, every Gauss-Newton step is
 
     [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as in `application.recheck`; the registration ρ has no prior
 """
@@ -38,17 +38,17 @@ from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2
-"""Ratio of the expected errors after refit and before the change at which no further pose is needed. At 1.1 twice as
-many poses are needed."""
+"""Ratio of the expected errors after refit and before the change at which no further pose is needed. With a ratio of
+1.1, twice as many poses are needed."""
 MOST_MORE = 30
 """Largest number of further poses for the refit of a changed model. A new calibration needs hardly more poses."""
 WIDE = 10.0
 """Displacement of the tool by one prior standard deviation of a changed parameter, relative to the RMS error of the
 poses. The registration absorbs up to nine tenths of a displacement; a tenth of the value shrinks the change by 1 %."""
 UNKNOWN = 0.02
-"""Standard deviation of a tool coordinate, m, above which the fit has not determined it. The prior is 1 m."""
+"""Standard deviation of a tool coordinate, m, above which the fit has not determined it. The prior has 1 m."""
 MOST_CAUSES = 8
-"""Largest number of alternatives to a change whose refitted models are compared. In 95 % sets more are rare."""
+"""Largest number of alternatives to a change whose refitted models are compared; 95 % sets rarely have more."""
 KEPT_LABELS = ("setup", "tool", "tip")
 """Label columns of the fitted table that are kept when its rows are joined to the rows of the check."""
 
@@ -70,9 +70,9 @@ class Repaired:
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
     now and before the change. `expected` includes that another change of the credible set may be the cause.
     more: joint values of further poses until the part of the expected error due to the parameters, which alone further
-    poses reduce, is at most ENOUGH times that part before the change; None if MOST_MORE poses do not suffice.
-    apart: joint values of the pose at which the possible causes differ most; None if the cause is identified: the
-    causes alone raise the error before the change to at most ENOUGH times.
+    poses reduce, is at most ENOUGH times that part before the change; None if 30 poses (MOST_MORE) do not suffice.
+    apart: joint values of the pose at which the possible causes differ most; None if the cause is identified, that is,
+    if causes alone raise the error before the change to at most ENOUGH times.
     """
 
     saved: SavedModel
@@ -133,7 +133,7 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
 def _causes(found: Verified) -> Iterator[tuple[float, list[PossibleChange]]]:
     """Yield the identified changes, then the changes with one replaced by an alternative, each with its probability.
 
-    The MOST_CAUSES most probable alternatives of each change are included.
+    Of each change, only the most probable alternatives (MOST_CAUSES) are included.
     """
     tried = {change.name: change for change in found.tried}
     named = [tried[c.name] for c in found.changes if c.name in tried]
@@ -296,8 +296,8 @@ def _numbers(
 def _ahead(
     fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool, off: Sequence[Array]
 ) -> tuple[float, float, Array | None, Array | None]:
-    """Return the expected error, m, now and before the change, further poses until their ratio is at most ENOUGH, and
-    the pose at which the possible causes differ most.
+    """Return the expected error, m, now and before the change, further poses until their ratio is at most 1.2 (ENOUGH),
+    and the pose at which the possible causes differ most.
 
     before: covariance of the former model. off: distances (N, 3) of the candidate points by the model of each rival
     from those by the named changes, times the root of the probability of the rival.

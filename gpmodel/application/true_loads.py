@@ -77,9 +77,9 @@ def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, w
 
     Loads are fitted to the residual of the standard model, and to the residual of the findings that are independent of
     loads. For each set of loads, the compliances of all joints and of the base are estimated together with these
-    findings, without a penalty. The model of the fitted loads must predict better than the model of the declared loads,
-    and better than the model with all findings.
-    left: residual of the model with all findings. worth: log likelihood of its predictions less its penalties, nats.
+    findings, without a penalty. A model with fitted loads must predict better than the model with declared loads, and
+    better than the model with all findings.
+    left: residual of the model with all findings. worth: log likelihood of the model less penalties, nats.
     """
     poses = found.poses.subset(found.train)
     loads = poses.states.loads | mechanism.unit_loads(poses.dataset.q).keys()

@@ -1,9 +1,9 @@
 """Divide the rows of a later session into two tools, if the rows were measured with two tool points.
 
-Rows i with residual r_i have the tool displacement t_g(i), g(i) in {1, 2}:  r_i = F_i ρ + K_i t_g(i) + noise. The fit
-alternates between least squares for ρ, t_1, t_2 and the better tool for each row (classification EM; Celeux and Govaert
-1992), from several initial divisions, or one tool follows the other. The division of n rows costs n ln 2 nats, and ln n
-nats if one tool follows the other.
+Rows i with residual r_i have the tool displacement t_g(i), g(i) in {1, 2}:  r_i = F_i ρ + K_i t_g(i) + noise. The
+division of the rows alternates between least squares for ρ, t_1, t_2 and the better tool for each row (classification
+EM; Celeux and Govaert 1992), from several initial divisions, or one tool follows the other. The division of n rows
+costs n ln 2 nats, and ln n nats if one tool follows the other.
 """
 
 from collections.abc import Iterator
@@ -89,7 +89,7 @@ def _in_sequence(second: Mask) -> bool:
 
 
 def _settled(before: Session, names: tuple[str, str], second: Mask, again: frozenset[str]) -> Session:
-    """Fit the registration and the tools `again` of a session whose rows are divided; others keep the model's tool."""
+    """Fit registration and the tools `again` of a session with divided rows; other tools keep the model's point."""
     saved, dataset = before.saved, before.poses.dataset
     labels = {**dataset.labels, "tool": np.where(second, names[1], names[0])}
     tools = dict.fromkeys(names, before.fitted.tool[names[0]])

@@ -24,7 +24,7 @@ fall short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
 """Shares of an input's fitted range by which a formula outside the catalogue is extrapolated: the first share if the
-formula is steady within the share, else the second, else none. With 20 or 40 poses as large a share is unsampled."""
+formula is steady within the share, else the second, else none. Between 20 or 40 poses a share as large is unsampled."""
 LOOKS = 400
 """Number of points at which a formula's steadiness is tested within its input ranges, and beyond each edge."""
 
@@ -208,7 +208,7 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> Clamped:
-    """Return a basis function constant beyond the fitted ranges of its inputs, extended slightly if no pole is near."""
+    """Return a basis function held constant beyond its inputs' fitted ranges, slightly widened if no pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
     if own and len(own) == len(basis.inputs):
         for reach in REACHES:

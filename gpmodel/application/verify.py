@@ -54,8 +54,8 @@ class Verified:
     alone: 3-D error, m, of nominal geometry with fitted registration and tool point.
     alone_turn: orientation error of nominal geometry, rad, NaN without measured orientation.
     outside: inputs beyond the model's ranges.
-    instrument: True if the measurements contain the instrument errors of the model; None if the model has none.
-    tried: all tested changes. suspect: the most probable change, if a change is more probable than none.
+    instrument: True if the measurements contain the model's instrument errors; None for a model without them.
+    tried: all tested changes. suspect: the most probable change if it is more probable than no change.
     two_tools: True if the rows divide into two tools. explained: True if the residual without the changes is not
     significant.
     """
@@ -101,7 +101,7 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
 def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFICANCE) -> Verified:
     """Test a model on later poses `dataset`. significance: significance level of each of the two tests.
 
-    The model is valid ("holds") if neither the whole residual nor a possible change is significant; see
+    A model is valid ("holds") if neither its whole residual nor a possible change is significant; see
     `application.recheck` and `application.possible_changes`. Raises InputError if the poses do not fit the model, are
     too few, or have mixed-up columns.
     """
@@ -214,7 +214,7 @@ def _near(found: Recheck, start: Placement) -> Recheck:
 class _Placed:
     """Refitted registration and tools of a session, from a common fit with the selected changes.
 
-    names: of the parameters. step: from the placement of the session, m and rad. covariance: of the step.
+    names: names of the parameters. step: change of the session's registration and tools, m, rad. covariance: of `step`.
     """
 
     names: tuple[str, ...]

@@ -115,7 +115,7 @@ class Alternative:
     sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
     distance: distance of the two displacements over all poses, in standard deviations of the noise.
-    poses: joint values, rad and m, where the two explanations differ most. difference: distance there, m.
+    poses: joint values, rad and m, where the two explanations differ most. difference: distance at `poses`, m.
     session_inputs: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
@@ -132,7 +132,7 @@ class Alternative:
 
     @property
     def plausible(self) -> bool:
-        """True if every coefficient of the candidate is within PLAUSIBLE standard deviations of its prior."""
+        """True if every coefficient of the candidate is within three standard deviations of its prior."""
         return all(abs(v) <= PLAUSIBLE * e.prior for v, e in zip(self.sizes, self.candidate.effects, strict=True))
 
     @property
@@ -165,8 +165,8 @@ def alternatives_of_constants(
 
     The coefficients w of the candidate minimise |θ c⊥ - C⊥ w|, with the column c of the constant θ, the columns C of
     the candidate, and ⊥ the part that no other column of the model explains (smooth terms as far as their priors
-    allow). Constant and candidate are indistinguishable if the minimum is below TOLD_APART times the noise. With all
-    columns removed, c included, C⊥ - ĉ ĉᵀC of C remains, ĉ along c⊥. Thus one projection of a candidate serves all
+    allow). Constant and candidate are indistinguishable if the minimum is below TOLD_APART = 2 times the noise. If c is
+    removed too, C⊥ - ĉ ĉᵀC remains, with the unit vector ĉ along c⊥. Thus one projection of a candidate serves all
     constants; the QR triangle and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
@@ -208,7 +208,7 @@ def alternatives_of_constants(
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its derivatives, and with their part that the model does not explain."""
+    """Yield every candidate effect with its derivatives, and with the part of them that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.columns_of(candidate) for candidate in some]))
@@ -220,10 +220,10 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Alternative, ...]:
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
-    Candidates are effects of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible candidate
+    Candidates are effects of the catalogue with at most two unknowns. For each constant the plausible candidate
     that moves the point least is selected, if other measurements could distinguish the two and its motion has the size
-    of an error: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number
-    are excluded, because a constant acts on all rows alike.
+    of an error: more than the standard error of a mean, less than 1 cm or 10 mrad. Effects that depend on the row
+    number are excluded, because a constant acts on all rows alike.
     """
     least = calibration.sigma / np.sqrt(len(poses))
     mechanism = calibration.model.mechanism
@@ -263,8 +263,8 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
     """Return random poses within the joint limits, or the measured ranges without limits, with predicted positions, of
     the first set-up and tool.
 
-    The rows count as measured in order, for effects that depend on earlier rows. Poses at which a closed loop cannot
-    close are omitted.
+    Random poses count as measured in order, for effects that depend on earlier rows. Poses at which a closed loop
+    cannot close are omitted.
     """
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(0), poses.dataset.q)
@@ -282,7 +282,7 @@ def _telling(
     """Return for each constant the joint values, rad and m, where its candidate differs most, and the distances, m.
 
     found: for each alternative the index of a constant, the candidate, and the coefficients of the candidate.
-    Candidates of one constant are solved together.
+    All candidates of one constant are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)

@@ -19,7 +19,7 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
-"""Tool point relative to the flange, m. The point lies off every axis, so that errors of the last joint displace it."""
+"""Tool point relative to the flange, m. A tool point off every axis is displaced by errors of the last joint."""
 CONDITION_LIMIT = 1e4
 """Condition number above which a combination of errors is not fitted, because joint values are rounded."""
 
@@ -27,7 +27,7 @@ CONDITION_LIMIT = 1e4
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
     """Linearise the measurements in registration, tool and effects, all zero, at the poses of a table.
 
-    A measured value only matters by being finite or NaN. The fixed end of each measured distance is two metres away.
+    Of a measured value, only whether it is finite or NaN matters. The fixed end of each measured distance is 2 m away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)

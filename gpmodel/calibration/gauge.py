@@ -63,10 +63,10 @@ def inclusion_order(
 
 
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
-"""Measurements per unknown above which all constants are fitted, and the condition limit below, if no measurement
-determines the robot's scale. The condition limit is halved until a degree of freedom remains. Cross-validation cannot
-choose the limit without a scale, because folds ignore the prior against overfitting (of 20 tables with 40 touches on
-three balls, cross-validation left 4 with one constant)."""
+"""Measurements per unknown above which all constants are fitted, and condition limit for fewer measurements, if no
+measurement determines the robot's scale. The condition limit is halved until a degree of freedom remains.
+Cross-validation cannot choose the limit without a scale, because folds ignore the prior against overfitting (of 20
+tables with 40 touches on three balls, cross-validation left 4 with one constant)."""
 
 
 def choose(
@@ -74,13 +74,13 @@ def choose(
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """Return a mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: linearised measurements at the effects' values `theta`. nominal: at zero, for geometric constants alone.
-    Constant effects are ranked in `inclusion_order` by their nominal columns, because with a fitted error of a
-    milliradian two parallel axes would appear distinguishable. Of the condition limits in LIMITS whose cross-validated
-    error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
+    problem: measurements linearised at the effects' values `theta`. nominal: linearised at zero, constant effects
+    alone. Constant effects are ranked in `inclusion_order` by their nominal columns, because with a fitted error of a
+    milliradian two parallel axes would appear distinguishable. Of the trial condition limits with a cross-validated
+    error within one standard error of the smallest, the limit with the most constants is selected, so that tables of
     one machine fit equal constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
     LIMIT_OF_FEW, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a unique share
-    of MINIMUM_SHARE; effects with a prior are always fitted.
+    of 0.001; effects with a prior are always fitted.
     Raises InputError for fewer measurements than unknowns, or for a single fold.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
@@ -129,7 +129,7 @@ def choose(
 
 
 def nonzero_in_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """Return a mask of columns that are nonzero in one cross-validation fold only, as for a point touched once.
+    """Return a mask of derivatives (columns) that are nonzero in one fold only, as for a point touched once.
 
     No other fold determines a column that is zero outside one fold; the column is therefore projected out.
     """

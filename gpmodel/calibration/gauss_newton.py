@@ -39,8 +39,8 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
     With the columns D of the instrument's effects θ, the columns P of registrations and tools, and G = P⁺ D, the error
-    D θ of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is
-    distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the split
+    D θ of the measurements is P G θ + (D - P G) θ. P G θ moves robot and tool rigidly; (D - P G) θ is distortion by the
+    instrument. The measurements determine only the sum of rigid motion and distortion, so the split
     into the two parts is copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
@@ -159,8 +159,8 @@ def calibrate(
     """Fit all parameters by damped Gauss-Newton with analytic derivatives.
 
     condition_limit: geometric constants with a unique share below 1 / limit are dropped and listed. None: the condition
-    limit is chosen by cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale;
-    The limit is lowered while the fit does not converge, unless σ grows by more than a tenth.
+    limit is chosen by cross-validation, or by the number of measurements if none determines the scale. The condition
+    limit is lowered while the fit does not converge, unless σ grows by more than a tenth.
     start: calibration whose registration, tool and effects are the initial values; without `start`, registration and
     tool are fitted first.
     robust: whether to exclude outliers. seed: random seed of the cross-validation folds.
@@ -286,7 +286,7 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask, weights: Weights) -> Mask:
-    """Return a mask of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
+    """Return a mask of poses without isolated outliers, which are at most a share OUTLIER_SHARE of the poses."""
     error = pose_error(observed, dataset, weights)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))

@@ -61,7 +61,7 @@ def linear_step(
 ) -> LinearStep:
     """Return the least-squares problem of a step of registration, tool and the effects of the mask `kept`.
 
-    gram: inner products of the columns, to solve the normal equations; None to solve by QR.
+    gram: inner products of the columns, to solve the normal equations; None to solve by QR decomposition.
     """
     free = problem.free(kept)
     priors, sigma = fit_priors(model, problem, theta, placement, kept), noise_sigma(model, problem)
@@ -86,7 +86,7 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
 """Largest number of halvings of a Gauss-Newton step. At a thousandth of a step, rounding decides if the cost falls."""
 REGAINED = 2
-"""Number of halvings fewer than at the last step, with which a line search begins. Short steps follow short steps."""
+"""Number by which the first halvings of a line search are fewer than the halvings of the last step."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
 smaller decrease oscillate across a valley."""
@@ -98,7 +98,7 @@ RESCALED, SCALE_SETTLED = 5, 1e-3
 priors. A solution takes a tenth of the time of new derivatives."""
 NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
-next step reuses the derivatives. With residuals of 0.1 mm, the result changes by less than STEP_TOLERANCE."""
+next step reuses the derivatives. With residuals of 0.1 mm, the fit changes by less than a nanometre."""
 STEP_TOLERANCE = 1e-9
 """Displacement by a step, m, at which the iterations end: a hundredth of an instrument's resolution."""
 FREE_JOINTS_TOLERANCE = 1e-8
@@ -178,7 +178,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Fitted(Iterate):
-    """Last parameter values of the Gauss-Newton iterations. status: a key of REASONS, such as "converged"."""
+    """Last parameter values of the Gauss-Newton iterations. status: status such as "converged" (REASONS)."""
 
     status: str
 
@@ -244,7 +244,7 @@ def iterate(
 
 
 def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _Step:
-    """Return the Gauss-Newton step. With many columns, the residual after the step scales the priors."""
+    """Return the Gauss-Newton step. With many parameters, the residual after the step scales the priors."""
     problem, model = here.problem, fitting.model
     for _ in range(RESCALED):
         linear = linear_step(model, problem, here.theta, here.placement, kept, gram)
@@ -260,8 +260,8 @@ def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _S
 def _lower(fitting: Fitting, here: Iterate, step: _Step, cut: int) -> tuple[Iterate | None, int]:
     """Return the first point along a step that lowers the cost enough, and the number of halvings of the step.
 
-    The search along the step begins after `cut` halvings. The point is None if no point lowers the cost enough. Also
-    too long is a step after which a kinematic loop cannot close. Derivatives are reused if all joints are measured.
+    The search along the step begins after `cut` halvings. Without a point that lowers the cost enough, return None. A
+    step after which a kinematic loop cannot close is also too long. Derivatives are reused if all joints are measured.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.reduced is not None

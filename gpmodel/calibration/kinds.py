@@ -18,13 +18,13 @@ LOG_SPREAD = np.log(10.0)
 """Prior standard deviation of the log ratio of the noise of two kinds: a factor of ten. The prior matters only for a
 kind whose measurements are hardly more than its unknowns."""
 LARGEST_LOG = 50.0
-"""Bound of the log ratio of two kinds' noise, beyond STEP_TOLERANCE over any length."""
+"""Bound of the log ratio of two kinds' noise, beyond the ratio of any two lengths that occur."""
 STEPS, SETTLED = 30, 0.01
 """Largest number of iterations for the noise of the kinds, and change of a log noise at which they end."""
 
 
 def reference_kind(kinds: Sequence[Observation]) -> Observation:
-    """Return the kind in whose noise all residuals are stated: of lengths, or else of all, the most redundant."""
+    """Return the kind of measurement that scales all residuals: the most redundant of lengths, else of all kinds."""
     lengths = [kind for kind in kinds if kind.unit == "m"]
     return max(lengths or kinds, key=lambda kind: int(kind.readings.sum()) - sum(map(len, kind.own.values())))
 
@@ -58,7 +58,7 @@ def estimated_weights(fitting: Fitting, fitted: Fitted, kept: Mask) -> Weights:
 
 @dataclass(frozen=True)
 class _Part:
-    """Residual and columns of one kind, in its metres. scale: its metres over the length of a unit in the problem.
+    """Residual and columns of one kind of measurement, m. scale: length of its unit over that in the linear problem.
 
     pose: pose of each row. count: number of measurements, less those that unmeasured joints absorb.
     gram, pull: products of the columns with the columns and with the residual.

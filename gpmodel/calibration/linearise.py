@@ -31,7 +31,7 @@ LEAST_ERROR = 1e-6
 LEAST_SIGMA = 1e-12
 """Smallest standard deviation of the noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
-"""Fisher information added to every parameter to stabilise an eigenvalue problem, relative to its own of 1."""
+"""Fisher information added to every parameter to stabilise an eigenvalue problem, which has information 1."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def joint_readings(
 class Linearised:
     """Linearised least-squares problem: columns · step ≈ residual, in metres; one row per measured component.
 
-    The first `placement` columns are registration, tool and ends of distances; the others are the model's effects.
+    The first `placement` columns are registration, tool and ends of distances; further columns are the model's effects.
     pose_of_row: pose index of each row. placement_names: names of the first `placement` columns.
     observed: predicted measurements of all poses.
     poses: table of the poses, with solved values of unmeasured joints.
@@ -149,7 +149,7 @@ class Linearised:
     def weigh(self, values: Array) -> Array:
         """Return values by pose and component as rows weighted like the residual.
 
-        A column that unmeasured joints absorb is zero.
+        Columns that unmeasured joints absorb become zero.
         """
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
         if self.reduced is not None:
@@ -205,7 +205,7 @@ def _shaped(
 ) -> Iterator[tuple[int, int, int, Array]]:
     """Yield every term of the effects: indices of effect, frame and axis, and weight times basis function at each pose.
 
-    The terms of an effect precede the rigid motions that registrations and tools absorb of it, with a negative sign.
+    Next to an effect's terms follow, with a negative sign, its rigid motions that registrations and tools absorb.
     """
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)

@@ -22,7 +22,7 @@ from gpmodel.numerics import rank as ident
 
 LIMIT = 5000.0
 """Condition limit if no measurement determines the scale. Nearly redundant combinations of constants are then held near
-nominal values by their prior. A lower limit would drop the combinations."""
+nominal values by their prior. With a lower limit, nearly redundant combinations would be dropped."""
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
@@ -91,7 +91,7 @@ def equivalent_changes(
 ) -> tuple[Array, Array]:
     """Compute the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
 
-    Also return the changes of `held` per unit of uniform scaling. Effects are equivalent if they move the tool
+    A second result is the changes of `held` per unit of uniform scaling. Effects are equivalent if they move the tool
     point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
     placed, moved, tip = _of_the_tool_point(model, problem, placement, (*held, *others))
@@ -147,8 +147,8 @@ def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[f
     most: upper limit of the prior standard deviation of the unknowns, m and rad.
     Returns the standard deviation, the RMS residual, m, and orthonormal combinations that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +
-    reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
-    Interpolation.
+    reach² s²; the prior variance reach² and log σ are averaged over a grid, weighted by likelihood. Source: MacKay
+    (1992), Bayesian Interpolation.
     """
     taken = ident.orthonormal(placed)
     left, values = ident.remove(taken, columns), ident.remove(taken, target)

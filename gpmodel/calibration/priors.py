@@ -49,10 +49,10 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
     """Return the equations of the priors, m, of the fitted geometric constants with the indices `at`.
 
-    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise all
-    constants θ_all, also constants that are not fitted, have the standard deviation `reach`. The fitted constants θ = A
+    If a measurement is in an instrument's frame, a constant has the standard deviation 10 mm or 10 mrad. Without a
+    frame, all constants θ_all, fitted or not, have the standard deviation `reach`. The fitted constants θ = A
     θ_all have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry does not depend on which
-    constants are fitted. The standard deviation `reach` is estimated, at most TOLERANCE.
+    constants are fitted. The standard deviation `reach` is estimated, up to the limit TOLERANCE.
     """
     if not (len(at) and without_positions(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -87,7 +87,7 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     """Return left and right side of the prior p σ / TOOL_REACH = 0 of every tool point p, m, with σ the noise, m.
 
     Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
-    fit. The prior rows are in the axes of the tool.
+    fit. The prior rows of tool points are in the axes of the tool.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))

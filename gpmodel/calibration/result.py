@@ -39,7 +39,7 @@ class PlacementNumber:
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of registration, tool and effects, SI units; zero where an effect is not fitted.
+    """Covariance of registration, tool and effects, SI units; zero for effects that are not fitted.
 
     placement: names of the unknowns of registration and tool, which precede the effects.
     centre: point about which a rotation of the registration turns, (3,), m in the instrument's frame.
@@ -105,7 +105,7 @@ class Calibration(Uncertainty):
     """Fitted model with its uncertainty and diagnostics.
 
     theta: value of each effect of the model, SI units, zero where dropped.
-    free: True for each fitted effect.
+    free: True for each effect that is fitted.
     error: 3-D error of each pose, m.
     outliers: indices of the poses that are excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
@@ -161,7 +161,7 @@ class Calibration(Uncertainty):
 
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
-        """Map each fitted effect to the effects whose estimates correlate with its estimate beyond CORRELATED."""
+        """Map each fitted effect to the effects whose estimates correlate with its estimate by more than 0.8."""
         names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.free)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]
@@ -172,7 +172,7 @@ class Calibration(Uncertainty):
 
 
 def fixed_by_priors(model: ErrorModel, stderr: Array) -> float:
-    """Return the number of unknowns that the priors of the effects determine, Σ (stderr / prior)²; NaN counts 0."""
+    """Return the number of unknowns that the priors of the effects determine, Σ (stderr / prior)²; NaN counts as 0."""
     prior = np.array([e.prior for e in model.effects])
     return float(np.sum(np.nan_to_num(np.clip(stderr / prior, 0.0, 1.0)) ** 2))
 
@@ -272,8 +272,8 @@ def _or_one(norms: Array) -> Array:
 def placement_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[PlacementNumber, ...]:
     """Return the coordinates of registration and tool with standard errors.
 
-    Each frame has a position, m, and a rotation vector, rad. The frames are the robot's root in the instrument's frame
-    and the tool in the flange's frame.
+    Coordinates of a frame are a position, m, and a rotation vector, rad. The frames are the robot's root in the
+    instrument's frame and the tool in the flange's frame.
     """
     out: list[PlacementNumber] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)

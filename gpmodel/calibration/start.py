@@ -70,7 +70,7 @@ def placement_after(observed: Observed, placement: Placement, step: Array) -> Pl
 
 
 START_POSES = 400
-"""Largest number of poses used for the initial values. The fit itself uses all poses."""
+"""Largest number of poses used for the initial values. The fit after the initial values uses all poses."""
 
 TOOL_PULL = 1e-4
 """Penalty on the distance of the tool point from the flange, m of error per m. The penalty matters only if the poses do
@@ -87,8 +87,8 @@ TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3)
 def start_placements(poses: Poses) -> Iterator[Placement]:
     """Yield initial values: registration by Kabsch for each trial tool point, tool points by least squares.
 
-    If only balls were touched, each of TRIED_TOOLS gives one start, because the fit has several local minima: a ball of
-    unknown position fits another tool with another radius. Initial values without a valid ball are skipped.
+    If only balls were touched, every trial tool point gives one start, because the fit has several local minima: a ball
+    of unknown position fits another tool with another radius. Initial values without a valid ball are skipped.
     The unknowns of each instrument are initialised from the predicted tips. Raises InputError if a set-up has fewer
     than 3 measured poses, or an instrument has too few measurements for its unknowns.
     """
@@ -130,7 +130,7 @@ def _balls(data: Dataset) -> bool:
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Complete given registrations and tool points, m, by the instruments' unknowns.
+    """Add the unknowns of the instruments to given registrations and tool points, m.
 
     The orientations of the tools are the measured orientations. slots: frames of the nominal mechanism at every pose.
     """

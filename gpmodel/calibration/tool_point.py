@@ -14,10 +14,9 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Attach the payload at the tool point, estimated by a fit of registration and tool alone.
 
-    Each of several tools has its centre of mass at its tool point. A mechanism whose loads cannot be changed has one
+    With several tools, the payload of a tool is at its tool point. A mechanism whose loads cannot be changed has one
     centre of mass c, with the least sum of squared moment errors Σ m² |c - t|² over the poses: m is the payload of a
-    pose, t its tool point. The mechanism is unchanged if a centre of mass is given, no pose has a
-    payload, or it was built in Python.
+    pose, t its tool point. A mechanism with a given centre of mass, without payload, or built in Python is unchanged.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses

@@ -36,10 +36,10 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 
 MEAN, OF_ONE, OF_TWO = 0.3, ((0.3, 1.5), (0.1, 4.0)), (0.3, 1.5)
-"""Variances of an unknown function of size 1: of its mean; of sinusoids of one joint, with rates, rad over its range;
-of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean; without a
-mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry. With
-other variances and rates from 1 to 4.5 the error outside is up to double on planes, within a fifth elsewhere."""
+"""Variances of the parts of an unknown function of variance about 1: mean; sinusoids of one joint, with rates, rad over
+its range; products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean;
+without a mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry.
+With other variances and rates from 1 to 4.5 the error outside is up to double on planes, within a fifth elsewhere."""
 MOST_ROWS, LARGEST = 400, 3000
 """Number of measurements, drawn evenly along the rows, from which variances are estimated; largest number whose
 covariance is inverted. With more measurements, the noise is taken as white."""
@@ -48,14 +48,14 @@ STEPS = 20
 PASSES = 3
 """Number of generalised least-squares steps after an ordinary fit; a third step moves no measurement by 0.1 µm."""
 SHOWN = 0.1
-"""Least RMS displacement of the measurements by an unknown function, in units of noise; smaller ones are omitted."""
+"""Least RMS displacement of measurements by an unknown function, in units of noise; smaller functions are omitted."""
 MOST_WAVES, FAINT = 200, 1e-2
 """Largest number of sinusoids that express an unknown function, and their least size relative to the largest."""
 SMOOTH, UNDECLARED = "smooth functions of the joint values", "undeclared"
 """Name and family of the effect that adds the undeclared functions to a model. The unknown of the effect is a factor, 1
 for the estimated functions."""
 ALONE_STEPS = 200
-"""Number of iterations for τ and n without functions; 100 instead change the log likelihood by less than 0.001."""
+"""Number of iterations for τ (constants) and n (noise); 100 iterations change the log likelihood by less than 0.001."""
 EARNED = 20.0
 """Least gain in log evidence at which undeclared effects are reported, nats. The largest gain of 56 tables of touches
 and cameras without an undeclared effect was 11 nats, the least of eight with a compliant joint and two oval gears 38
@@ -109,7 +109,7 @@ class Undeclared:
 
     @property
     def significant(self) -> bool:
-        """True if unknown functions increase the log restricted likelihood by more than EARNED nats."""
+        """True if unknown functions increase the log restricted likelihood by more than 20 nats (EARNED)."""
         return self.gain > EARNED
 
     def covariance(self, problem: Linearised, model: ErrorModel) -> "UndeclaredCovariance":
@@ -145,7 +145,7 @@ class UndeclaredCovariance:
     def posterior_mean(self, white: Array, model: ErrorModel) -> Effect | None:
         """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
 
-        The result is None if every unknown function moves the measurements by less than SHOWN times the noise (RMS).
+        The effect is None if every unknown function moves the measurements by an RMS below a tenth of the noise.
         The effect's prior is the standard deviation of the functions relative to their mean, both RMS over the
         measurements.
         """
@@ -170,8 +170,7 @@ class UndeclaredCovariance:
         """Return the posterior variance of predicted points, m², by fitted unknowns and unknown functions together.
 
         axes, columns: derivatives of the points with respect to the functions' axes and the unknowns. q: joint values.
-        fitted: problem of the fit. The variance of an unknown that functions absorb is counted once
-        (universal kriging).
+        fitted: problem of the fit. The variance of an unknown that functions absorb counts once (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):
@@ -183,7 +182,7 @@ class UndeclaredCovariance:
     def posterior_root(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
         """Return a square root, m, of the posterior covariance that the unknown functions cause in new measurements.
 
-        Also return the share of each fitted unknown that the unknown functions absorb at the new measurements.
+        A second result is the share of each fitted unknown that unknown functions absorb at new measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.deviations.sizes, self.sinusoids.values(q)
@@ -205,7 +204,7 @@ class UndeclaredCovariance:
 
 
 Wave = tuple[str, int, float]
-"""Function (sin or cos), index of the joint, and rate, rad per unit of the joint."""
+"""Sinusoid of a joint value: function (sin or cos), index of the joint, and rate, rad per unit of the joint."""
 
 
 @dataclass(frozen=True)

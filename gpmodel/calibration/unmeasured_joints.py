@@ -23,7 +23,7 @@ TRUNCATION = 1e-2
 joint directions the table's joint values are kept."""
 
 ELIMINATED = 1e-2
-"""Least part of a column (parameter) that unmeasured joints do not absorb. Columns with a smaller part are set to 0."""
+"""Least part of a column (parameter) that unmeasured joints do not absorb. Columns with less are set to 0."""
 
 ROUNDING = 1e-7
 """Relative singular value below which a combination of parameters is a rounding error: √ of double precision."""
@@ -106,8 +106,8 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
     """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives with respect to the
     unmeasured joints.
 
-    Returns columns, residual and the index of the pose of each row. A column of which the joints absorb all but
-    ELIMINATED is set to zero. NaN in the residual means not measured.
+    Returns columns, residual and the index of the pose of each row. Columns of which the joints absorb over 99 % are
+    set to zero. NaN in the residual marks a missing measurement.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)
@@ -117,13 +117,13 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
 
 
 def without_eliminated(rows: Array, sizes: Array) -> Array:
-    """Set columns to zero whose norm, after elimination of unmeasured joints, is below ELIMINATED times the norm
-    `sizes` before."""
+    """Set columns to zero whose norm, after elimination of unmeasured joints, is below 1 % of the norm `sizes`
+    before."""
     return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
-    """Project out of columns the parameter combinations that unmeasured joints absorb in the nominal mechanism.
+    """Project out of derivatives the parameter combinations that unmeasured joints absorb in the nominal mechanism.
 
     nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
     absorbed combination is small but not zero, and a fit would fit noise with it. sizes: column norms before
@@ -177,7 +177,7 @@ def solve_joints(
 def without_joint_motion(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
     """Remove from measurements, m, or columns the part that each pose's unmeasured joints explain.
 
-    The result is unchanged if every joint is measured. values: values of all measured components, or of the first few.
+    Without unmeasured joints nothing is removed. values: values of all measured components, or of the first few.
     """
     if not free_joints(mechanism):
         return values

@@ -40,7 +40,7 @@ class Region:
 
     @classmethod
     def of(cls, points: Array) -> "Region":
-        """Return the ball about the median of points, m, that holds a share HELD of the points."""
+        """Return the ball about the median of points, m, that contains 90 % of the points."""
         middle = np.median(points, axis=0)
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
@@ -50,7 +50,7 @@ class Region:
 
 
 def random_rows(mechanism: Mechanism, dataset: Dataset) -> Dataset:
-    """Return DRAWN table rows at random joint values within the limits, without measurements."""
+    """Return 400 table rows at random joint values within the limits, without measurements."""
     rng = np.random.default_rng(0)
     rows = rng.integers(len(dataset), size=DRAWN)
     bare = replace(dataset, observations=(), in_order=False).subset(rows)
@@ -93,8 +93,8 @@ def region_sentences(fit: Calibration, poses: Poses, *, searched: bool = False) 
     constants that the measurements do not determine.
 
     Yields nothing if a measurement is in an instrument's frame. searched: True if missing effects were searched for. A
-    constant counts as not determined if its standard error without priors, σ / (|c| share), is above TOLERANCE, or if
-    no measurement is sensitive to the constant.
+    constant counts as not determined if its standard error without priors, σ / (|c| share), is above 1 mm or 1 mrad, or
+    if no measurement is sensitive to the constant.
     """
     problem = problem_at(fit, poses)
     if not without_positions(problem) or not np.any(fit.free & nominal_constants(fit.model)):

@@ -50,8 +50,8 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Yield three columns whose names differ in one letter, x, y and z. If a name occurs several times, the next column
-    to the right is used."""
+    """Yield three columns whose names differ in one letter, x, y and z. Of columns with one name, the next to the right
+    is used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:
@@ -87,8 +87,8 @@ MOST_COLUMNS = 60
 ENOUGH_TO_SCREEN = 25
 """Number of rows from which a lower bound of the residual, with 13 unknowns per coordinate, can exclude columns."""
 ROUGH, ROUNDS = 0.25, 8
-"""Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of the coarse fit.
-For ten poses of three arms the share was 0.004; with points of wrong rows it was 0.6."""
+"""Largest residual of a coarse fit as a share of the spread of the points, and its number of iterations. For ten poses
+of three arms the residual was a share of 0.004; with points of wrong rows 0.6."""
 MOST_DEGREES = 370.0
 """Largest joint value, deg, in table columns that are not identified as joints by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
@@ -109,13 +109,13 @@ class Axis(NamedTuple):
 class Fit:
     """Columns of the joints and of a point, with the units for which the residual is small.
 
-    left: RMS residual after a fit of registration and tool, m.
+    left: RMS residual of a fit of registration and tool, m.
     reading: text on the necessary change of the joint values, empty if no change is needed.
     turned: factors of the joint columns and constants, (joints, joints + 1), rad and m, of the change.
     rows: numbers of the compared rows.
     q: joint values (compared rows, joints), rad and m.
     position: measured points (compared rows, 3), m.
-    found: the fitted registration.
+    found: registration fitted to the points.
     """
 
     joints: Columns
@@ -199,7 +199,7 @@ class Assigner:
                 yield units
 
     def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
-        """Yield the fit of given joint columns, or a fit for each change of the joint values that `reread` yields."""
+        """Yield the fit of given joint columns, or a fit for each change of joint values that `reread` yields."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -244,7 +244,7 @@ class Assigner:
 
 
 def sign_doubts(mechanism: Mechanism, fit: Fit) -> list[str]:
-    """Return questions to the user: two interpretations of joints fit, or mirrored positions fit the file's signs."""
+    """Return questions to the user if two interpretations of joints or mirrored positions fit equally well."""
     equal = [fit.reading] if EQUALLY in fit.reading else []
     if fit.turned is None or not (flipped := np.diag(fit.turned) < 0).any():
         return equal
@@ -290,7 +290,7 @@ def _roughly(frames: Array, p: Array) -> float:
 
 
 def _may_fit(frames: Array, raw: Array) -> bool:
-    """Return True if points (poses, 3) could fit in some unit of length, without the OUTLIER_SHARE of worst points."""
+    """Return True if points (poses, 3), except for a share of outliers, could fit in some unit of length."""
     columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
     kept = np.arange(len(raw))
     for _ in range(3):

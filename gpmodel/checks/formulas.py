@@ -14,22 +14,22 @@ QUARTERS = (0.0, 90.0, -90.0, 180.0)
 """Differences between the joint zeros of a controller and of a description, deg, in multiples of a right angle."""
 WIDTH = 120
 """Number of interpretations of the joint columns that the beam search keeps at each level. Arbitrary signs, zeros and
-one coupling were found for 32 of 32 tables of four arms; with a number of 60, for 30."""
+one coupling were found for 32 of 32 tables of four arms; with 60 interpretations, for 30."""
 EQUALLY = "equally well"
 """Words before a second interpretation of joint columns with an equal residual, such as a base upside down."""
 ROUNDS, MIRRORED = 8, 8
-"""Number of alternating fits of a similarity and of the tool point, and number of interpretations of the joint columns
-for which all signs are compared."""
+"""Number of alternating fits of a similarity transform and of the tool point, and number of interpretations of the
+joint columns for which all signs are compared."""
 
 
 def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield the interpretation of the joint columns that fits the measured points with the fewest changes, if one fits.
+    """Yield the joint columns' interpretation with the fewest changes that fits the measured points, if any fits.
 
     A change is another zero or sign of a joint column, or a coupling of two joint columns. A beam search adds one
     change at a level and compares lower bounds of the residual, which do not depend on the unit of `p` and cannot see a
-    mirror image. If a lower bound is small, all sign patterns are compared by a fit of a similarity. The zeros of the
-    first and of the last joint are not changed: registration and tool absorb them. A second interpretation with as few
-    changes is named too.
+    mirror image. If a lower bound is small, all signs of joints are compared by fits of a similarity transform. The
+    zeros of the first and of the last joint are not changed: registration and tool absorb them. A second fitting
+    interpretation with as few changes is named too.
     """
     changes, patterns = _changes(mechanism), np.array(list(product((1.0, -1.0), repeat=q.shape[1])))
     tried = np.eye(q.shape[1], q.shape[1] + 1)[None]
@@ -99,7 +99,7 @@ def _applied(formulas: Array, q: Array) -> Array:
 
 
 def _misfits(mechanism: Mechanism, formulas: Array, q: Array, p: Array, *, mirrored: bool) -> Array:
-    """Return a residual for each formula of joint values: a lower bound, or that of a fitted similarity and tool."""
+    """Return a residual for each formula of joint values: its lower bound, or after a fit of similarity and tool."""
     out = []
     for part in np.split(formulas, range(SCREENED, len(formulas), SCREENED)):
         values = _applied(part, q)
@@ -109,7 +109,7 @@ def _misfits(mechanism: Mechanism, formulas: Array, q: Array, p: Array, *, mirro
 
 
 def _similarity_misfit(frames: Array, p: Array) -> Array:
-    """Return RMS residuals (...) of a similarity and a tool point, fitted in turn to frames (..., poses, 4, 4)."""
+    """Return RMS residuals (...) of a similarity transform and tool point fitted to frames (..., poses, 4, 4)."""
     points, turns = frames[..., :3, 3], frames[..., :3, :3]
     points, turns = points - points.mean(axis=-2, keepdims=True), turns - turns.mean(axis=-3, keepdims=True)
     normal = np.einsum("...nij,...nik->...jk", turns, turns) + 1e-9 * np.eye(3)

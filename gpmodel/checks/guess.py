@@ -49,8 +49,8 @@ class Guess:
 
 
 def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -> tuple[Sheet, Guess]:
-    """Read one file, or join two files in the first way that fits, and assign the columns. Raises InputError as `guess`
-    does."""
+    """Read one file, or join two files in the first way that fits, and assign the columns; raise InputError if none
+    fit."""
     sheets = sheets_of(paths)
     if len(sheets) == 1 or join:
         sheet = read_files(paths, join or "")
@@ -88,7 +88,7 @@ def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
 
 
 def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
-    """Yield joins of joint rows and positions by nearness, with the registration from a third of the rows."""
+    """Yield joins of joint rows to the nearest positions, with the registration from a third of the rows."""
     for one, other in ((first, second), (second, first)):
         third = min(len(one.cells), len(other.cells)) // 3
         for part in (slice(None, third), slice(-third, None)):
@@ -150,7 +150,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
 
 
 def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
-    """Return assignments of columns that fit all rows; else assignments by value of a label column, and the column."""
+    """Return assignments of columns that fit all rows; else one for each value of a label column, and the column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
     if turned:
@@ -285,7 +285,7 @@ def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
 
 
 def _ref(sheet: Sheet, column: int, unit: str) -> str:
-    """Return the entry for a column in a column map: its name if unique, else its number."""
+    """Return the entry for a file's column in a column map: the column's name if unique, else its number."""
     name, own, sure = header_of(sheet, column)
     plain = name.replace("_", "").replace(" ", "").isalnum() and not name[:1].isdigit() and not (sure and own != unit)
     return f"{name if plain and find(sheet, name) == column else f'c{column + 1}'} [{unit}]".replace(" []", "")

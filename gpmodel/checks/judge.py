@@ -49,7 +49,7 @@ class Remark:
     """One error, warning or note on a measured table.
 
     severity: "error" (the table cannot be fitted), "warning" or "note".
-    unfit: short reason why a calibration would be possible but wrong, or empty.
+    unfit: short reason why a calibration with the table would be wrong, or empty.
     """
 
     severity: str
@@ -100,7 +100,7 @@ def check_dataset(
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     """Yield the causes of a large residual, each with the reason why the table is not fit for calibration.
 
-    The reason is empty if compliances of base and joints explain the residual.
+    The reason for unfitness is empty if compliances of base and joints explain the residual.
     """
     for text in poor_fit(fit):
         pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
@@ -137,7 +137,7 @@ def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 
 def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield an error if positions were not measured but computed with the nominal mechanism; tested if rounded."""
+    """Yield an error if positions were computed with the nominal mechanism, not measured; tested if rounded."""
     if not written_to_a_digit(poses.dataset):
         return
     part = poses.subset(evenly(len(poses)))
@@ -148,7 +148,7 @@ def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 
 def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Yield errors of a table. Each kind of error is tested only if no error of an earlier kind was found."""
+    """Yield errors of a table. A kind of error is tested only if no error of an earlier kind was found."""
     beyond = list(_beyond_limits(mechanism, data))
     if alike := _all_alike(data):
         yield alike
@@ -205,7 +205,7 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
 
 
 def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Yield a warning if all values suffice for the unknowns, but training poses without held-out poses do not."""
+    """Yield a warning if the values of all poses suffice for the unknowns, but those of training poses do not."""
     values, needed = measured_values(different_readings(data)), unknowns(mechanism, data, standard)
     if values * (1.0 - USUAL) <= needed:
         yield (

@@ -41,7 +41,7 @@ TURNS = 4 * np.pi
 """Largest joint angle, rad: no joint of a robot makes more than two turns in one direction."""
 FAR_BETTER = 5.0
 """Least factor by which another interpretation of the columns has to reduce the residual. With a wrong description of a
-mechanism, no alternative reduces the residual as much by chance."""
+mechanism, no alternative interpretation reduces the residual as much by chance."""
 GOOD_SHARE = 0.05
 """Largest residual of a correct interpretation of table columns, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
@@ -62,8 +62,8 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 
     If the residual of registration and tool is far above real errors at most poses, other interpretations of the
     columns are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
-    pose before or after, two set-ups in one, and many bad measurements. An interpretation is named if it reduces the
-    residual by the factor FAR_BETTER. For several arms, joint values in degrees instead of radians
+    pose before or after, two set-ups in one, and many bad measurements. An interpretation is named if it divides the
+    residual by at least FAR_BETTER. For several arms, joint values in degrees instead of radians
     are the only tested interpretation.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
@@ -96,7 +96,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
-    """Describe the best interpretation of the columns if it reduces the residual by FAR_BETTER, and equally good ones.
+    """Describe the columns' best interpretations if they divide the residual by at least the factor FAR_BETTER.
 
     now: RMS residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
@@ -199,7 +199,7 @@ def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | 
 
 
 def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
-    """Return the frames of poses, and the positions that are `shift` rows later in the table."""
+    """Return the frames of poses, and the measured positions `shift` rows later in the table."""
     count = len(p) - abs(shift)
     start, after = max(-shift, 0), max(shift, 0)
     return frames[start : start + count], p[after : after + count]

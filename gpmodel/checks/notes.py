@@ -33,7 +33,7 @@ COARSE, FINE, FINER = 0.3, 1e-3, 0.3
 """First and last scale of the robust fit, m, and the factor between successive scales. Half or double of a scale
 selects equal rows; a last scale of 0.1 mm would reject rows because of geometric errors."""
 STEPS = 4
-"""Number of Gauss-Newton steps at each scale of the robust fit; eight steps select equal rows."""
+"""Number of Gauss-Newton steps at each scale of the robust fit; with eight steps, equal rows are selected."""
 QUARTER, SPREAD = 0.25, 12.0
 """Quantile of the position errors that good rows determine even if most rows are bad, and the multiple of the quantile
 that no good row reaches: the lower quartile of the length of 3-D normal errors is 1.1 σ, and 13 σ never occur."""
@@ -83,7 +83,7 @@ def tips(frames: Array, tool: Array) -> Array:
 def registered(frames: Array, position: Array) -> Registered:
     """Fit registration and tool point by least squares, with starts on all sides of the flange.
 
-    If the flange turns about one centre, a tool point on the wrong side of the flange is a local minimum.
+    If the flange turns about one centre, a tool point on its wrong side is a local minimum of the residual.
     """
 
     def residual(point: Array) -> Array:
@@ -168,8 +168,8 @@ def measured_values(data: Dataset) -> int:
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
     """Count the unknowns of a calibration: registration, tool, fixed ends of distances and geometric constants.
 
-    The number of constants is the number of combinations that well spread poses distinguish: the rank of the
-    sensitivity at the nominal geometry over random poses within the limits.
+    The counted constants are the combinations that well spread poses distinguish: the rank of the sensitivity at the
+    nominal geometry over random poses within the limits.
     """
     many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
     nothing, something = many.position, np.zeros((RANK_POSES, 3))
@@ -203,7 +203,7 @@ def notes(
     measurements.
 
     fits: fit of registration and tool alone, and fit of the standard model.
-    floor: noise floor by repeats, RMS, m, None without repeats.
+    floor: noise floor, RMS of repeats, m; None without repeats.
     """
     (bare, fit), data = fits, poses.dataset
     if any(kind.readings.any() for kind in observations(data) if not isinstance(kind, Orientation)):

@@ -26,7 +26,7 @@ def written_to_a_digit(data: Dataset) -> bool:
 
 
 def computed(left: float, data: Dataset) -> Iterator[str]:
-    """Yield an error if a controller computed the positions. left: RMS residual of registration and tool, m."""
+    """Yield an error if a controller computed the positions. left: RMS residual after registration and tool, m."""
     step = rounding(data)
     if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
         yield (
@@ -77,7 +77,7 @@ OF_ANOTHER_SIZE = 5.0
 """Largest plausible ratio of the spread of measured points to the workspace, or of the workspace to the spread."""
 MIRROR_IMAGE = "two of the columns x, y, z look swapped, or one has the wrong sign"
 ALIKE = 1.5
-"""Ratio to the smallest residual up to which an alternative interpretation of columns is also named as likely."""
+"""Ratio of a residual to the smallest up to which another interpretation of columns is also named as likely."""
 SCREENED = 200
 """Number of interpretations of the columns that are computed at once, to limit the memory."""
 MOST_ORDERED = 6
@@ -88,7 +88,7 @@ MOST_ORDERED = 6
 class Reading:
     """An interpretation of the columns of a table.
 
-    meaning: text on the error of the table and its correction.
+    meaning: description of the table's error and its correction.
     q, position: joint values and positions of the interpretation, rad and m.
     scale: factor on the lengths of the mechanism.
     """

@@ -93,7 +93,7 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
 def _serial(residual: Array, poses: Poses) -> str | None:
     """Describe the correlation ρ of neighbouring rows that are no repeats, or return None if it is not significant.
 
-    Standard error of ρ: 1 / √pairs; Durbin-Watson statistic 2 - 2 ρ. Source: Durbin and Watson (1950).
+    The standard error of ρ is 1 / √pairs, the Durbin-Watson statistic 2 - 2 ρ. Source: Durbin and Watson (1950).
     """
     code = repeat_blocks(poses.dataset)
     apart = code[1:] != code[:-1]
@@ -115,7 +115,7 @@ SMALL_RANGE = np.radians(20.0)
 """Range of a joint, rad, below which a sine of its angle is nearly a straight line."""
 
 POOR = 2e-3
-"""Residual of the standard model, m, above which its fit is called poor. A robot usually has 0.1 to 1 mm."""
+"""Residual of the standard model, m, above which its fit is called poor. A usual residual is 0.1 to 1 mm."""
 
 POOR_TURN = 1e-2
 """Residual of the standard model in the orientations, rad, from which the fit is poor: ten times the residual of a
@@ -214,8 +214,8 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield one sentence for each geometric parameter that is farther from the description than any machine is built.
 
     A calibration holds some of several equivalent parameters at zero, and the others absorb the errors. With two
-    parallel joints 0.1 m apart, an error of 1 mm becomes one of 10 mrad. All parameters are therefore tested at the
-    equivalent values with the least sum of squares, in mm and mrad.
+    parallel joints 0.1 m apart, an error of 1 mm becomes one of 10 mrad. Parameters are therefore tested at those
+    equivalent values that have the least sum of squares, in mm and mrad.
     """
     solved = _least(fit, poses)
     values = solved @ fit.theta

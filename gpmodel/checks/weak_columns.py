@@ -30,13 +30,13 @@ PASSES = 3
 """Number of alternating fits of joint angles and model. For a wrist column of other rows and a point 1.5 mm off the
 axis, the first fit reduces the residual from 1.1 to 0.17 mm, the third fit to 0.05 mm."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
-"""Trial joint angles, rad. Half the angle step moves the point of a wrist by less than the noise."""
+"""Trial joint angles, rad. Half a step of the trial angles moves the point of a wrist by less than the noise."""
 LESS, FAR_LESS = 1.5, 3.0
 """Least factor by which free joint angles must reduce the standard deviation of the residual, in each fit and in all.
-With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
+If the joint's column is correct, free angles remove one of three coordinates of the residual, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
 """Least median difference of free joint angles from the table's column, rad, for the column to be wrong. Play and gear
-errors are below 1 degree, shuffled values near 90."""
+errors are below 1 degree, shuffled columns differ by about 90."""
 
 
 def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Calibration:
@@ -98,7 +98,7 @@ WEAK = 10.0
 interpretation of a joint's column does not increase the residual. The residual of a column with a wrong sign is about
 twice the motion by the joint."""
 NOT_WORSE = 1.2
-"""Largest ratio of the residual of registration and tool, with another interpretation of columns to the present one."""
+"""Largest ratio of the residual of registration and tool with other columns to the residual of the present columns."""
 BETTER, SURE = 1.5, 25.0
 """Least factor by which another interpretation of a column has to reduce the residual of the standard model; and least
 gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; no change improves a sound table."""
@@ -169,8 +169,8 @@ HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
 """Families of effects that are fitted together with a scale factor, because loads and eccentric gears resemble a factor
 of a joint."""
 SMALLEST = 2e-4
-"""Least deviation from one of a wrong scale factor of columns. Smaller deviations are errors of instruments (0.00001)
-and gears (0.0001), which `discover` names."""
+"""Least deviation from one of a wrong scale factor of columns. Smaller deviations from one are errors of instruments
+(0.00001) and gears (0.0001), which `discover` names."""
 IMPOSSIBLE = 2e-3
 """Deviation of a scale factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
 CHANCE = 1e-4
@@ -184,7 +184,7 @@ class Factor:
     columns: names of the columns, in words.
     value, stderr: the factor and its standard error.
     chance: probability of a factor at least so far from one in a sound table.
-    less: ratio of the residual without to the residual with the factor.
+    less: residual without the factor over residual with the factor.
     """
 
     columns: str
@@ -207,8 +207,8 @@ class Factor:
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A scale factor of one column must reduce the residual by the factor BETTER. A factor of all positions need not,
-    because longer links of the mechanism would fit equally well. fit: fit of the standard model.
+    A scale factor of one column must reduce the residual by the factor BETTER. For a scale factor of all positions no
+    reduction is required: longer links would fit equally well. fit: fit of the standard model.
 
     r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
     (HEALTHY). A: columns of all constants. c: column of a factor f.

@@ -143,8 +143,8 @@ def export(
     calibrated.urdf and exports/dh_*.toml, kinematics.yaml (xacro), joint_offsets.yaml (robot_calibration),
     ur_kinematics.yaml (ur_description) and robodk.csv contain a geometry refitted without the effects that the file
     format cannot express. model.py and model.c contain the whole model, model.tex the terms of the model, and grid.csv
-    joint corrections at the nodes of a box. Each stated error is relative to `gpmodel predict` at unmeasured poses.
-    Gazebo and MuJoCo read calibrated.urdf.
+    joint corrections at the nodes of a box. Errors of exported files are stated relative to `gpmodel predict` at
+    unmeasured poses. Gazebo and MuJoCo read calibrated.urdf.
     """
     file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)

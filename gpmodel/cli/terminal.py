@@ -30,7 +30,7 @@ def failed() -> str:
 def echo(text: str, *, err: bool = False, nl: bool = True, lead: str = "") -> None:
     """Print a text. After a first failure of a stream (closed pipe, full disk), nothing is printed to the stream.
 
-    lead: control characters before the text.
+    lead: control characters printed before the text.
     """
     stream = sys.stderr if err else sys.stdout
     try:

@@ -17,7 +17,7 @@ KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a TOML file of measuring equipment may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Lens parameters, as positions in their list, that each word of the entry `solve` selects for estimation."""
+"""Indices of the lens parameters that are estimated, by word of the entry `solve` in a camera's description."""
 
 MOST_BENT = 1e4
 """Largest distortion coefficient of a lens; the coefficient k3 of a narrow lens may be some hundreds."""

@@ -41,7 +41,7 @@ class Term:
 class TakenUp:
     """A rigid motion (6,), m and rad: of a set-up's registration in the instrument's frame, or of a tool in its frame.
 
-    of: REGISTRATION or TOOL, the column with the label.
+    of: name of the column with the label, "setup" or "tool".
     label: name of the set-up or the tool.
     """
 

@@ -57,7 +57,7 @@ class Poses:
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
-    """Compute the nominal transforms and the columns of every pose once. same: columns of equal poses, see `states_of`.
+    """Compute the nominal transforms and the columns of every pose once. same: known columns of equal poses.
 
     Raises OpenLoopsError, naming the row, if closed loops do not meet at the joint values of a row.
     """
@@ -180,7 +180,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     """Predict the measurements and all frames of the mechanism at `poses`, by the equation of ErrorModel.
 
     theta: values θ_k of model.effects, SI units.
-    placement: registration of every set-up of the poses and point of every tool. KeyError if one is missing.
+    placement: registration of every set-up of the poses and point of every tool. KeyError without them.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
@@ -217,7 +217,7 @@ def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
     """Return measured minus predicted values (poses, components), m, rad (rotation vectors), then other units.
 
-    Components that were not measured are NaN.
+    Unmeasured components are NaN.
     """
     return np.hstack([kind.residual(observed.tips, observed.own) for kind in observations(dataset)])
 
@@ -225,7 +225,7 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 def pose_error(observed: Observed, dataset: Dataset, weights: Weights) -> Array:
     """Return the length of the weighted error (measured minus predicted) of each pose, m, without rotations.
 
-    If a table has orientations alone, the length is of orientations.
+    If a table has orientations alone, the error is that of orientations.
     """
     errors = measured_minus(observed, dataset) * observed.scales(weights)
     alone = not np.isfinite(errors[:, ~observed.turns]).any()

@@ -3,7 +3,7 @@
     x = X / Z, y = Y / Z, r² = x² + y²,  d = 1 + k1 r² + k2 r⁴ + k3 r⁶
     x' = d x + 2 p1 x y + p2 (r² + 2 x²),   y' = d y + p1 (r² + 2 y²) + 2 p2 x y,   u = fx x' + cx,  v = fy y' + cy
 
-Source: Brown (1971). The coefficients have the order of OpenCV.
+Source: Brown (1971). Distortion coefficients have OpenCV's order.
 """
 
 import numpy as np

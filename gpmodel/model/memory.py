@@ -8,8 +8,8 @@ operator (`p`: decimal point):
     stop_torque_J2_40       stop operator, x - play: within ±r
     lag_temperature_2400    first order lag, tau dy/dt = x - y, y_0 = x_0, over `time` or the rows
 
-If the table declares the direction of approach of a joint (`approach_J2`), that direction replaces `last_move_J2`. The
-rows are the path of the joint only if the declared direction agrees with the moves between rows.
+If the table declares the direction of approach of a joint (`approach_J2`), that direction replaces `last_move_J2`. Rows
+are taken as the path of a joint only if its declared direction agrees with the moves between rows.
 
 Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishlinskii's hysteresis); ISO 230-2, 3.3
 (direction of approach).
@@ -57,7 +57,7 @@ def columns_of(names: Iterable[str]) -> set[str]:
 def constant_of(name: str) -> tuple[str, str, float] | None:
     """Return the operation of a column with memory (`play`, `stop`, `lag`), its source column and its constant.
 
-    Names of other columns give None.
+    Names of columns without memory give None.
     """
     match = _WITH_CONSTANT.match(name)
     return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
@@ -107,8 +107,8 @@ class Past:
 def jitter(values: Array) -> float:
     """Return the change of a joint value between rows (rad or m) up to which the joint counts as standing still.
 
-    The threshold is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for
-    measured values of a joint at rest. The threshold is ROUNDING if the joint values are commands.
+    For measured values of a joint at rest, the threshold is SAME_JOINT: more than the share OFTEN of the rows differs
+    from the previous row by less. For commanded joint values, the threshold is ROUNDING.
     """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
@@ -152,7 +152,7 @@ def lag(values: Array, time: Array, constant: float) -> Array:
 def clock_of(dataset: Dataset) -> str | None:
     """Return the column that orders the rows: a column of times that never falls, or `row` if the table states it.
 
-    The result is None if the order is unknown. Raises InputError if the table states an order and a time falls.
+    Rows of unknown order give None. Raises InputError if the table states an order and a time falls.
     """
     times = [name for name, unit in dataset.extra_units.items() if is_time(unit)]
     for name in times:
@@ -171,7 +171,7 @@ def clock_of(dataset: Dataset) -> str | None:
 def declared_approach(joints: Sequence[str], columns: Iterable[str]) -> dict[str, str]:
     """Return the column of the table that declares the direction of approach, for each joint that has one.
 
-    The column is named after the joint or its number in the chain; the column `approach` declares all other joints.
+    An approach column is named after a joint or its number in the chain; `approach` declares all other joints.
     """
     there = set(columns)
     numbered = [f"J{i}" if f"J{i}" not in joints else joint for i, joint in enumerate(joints, 1)]

@@ -34,7 +34,7 @@ class Tips:
 METRES_A_RADIAN = 1.0
 """Length that counts as one radian, m: a lever of a metre."""
 Weights = Mapping[str, float]
-"""Length, m, with the noise of one unit of each kind of measurement, by name; Observation.metres if missing."""
+"""Length, m, with the noise of one unit of each kind of measurement, by name; by default Observation.metres."""
 Own = Mapping[str, Array]
 """Unknowns of the measuring equipment by key, such as positions of fixed ends, surfaces and cameras."""
 
@@ -52,7 +52,7 @@ class Observation(Protocol):
 
     @property
     def metres(self) -> float:
-        """Length in metres that counts as one unit of the measurement before its noise is estimated."""
+        """Length, m, that counts as one unit of the measurement before the measurement's noise is estimated."""
 
     @property
     def components(self) -> int:
@@ -114,7 +114,7 @@ class OfTip:
     metres: ClassVar[float] = 1.0
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return no derivatives: of all frames, only the frame of the tip changes the measurement."""
+        """Return no derivatives: of all frames, only the frame of the tool's tip changes the measurement."""
         return {}
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
@@ -131,7 +131,7 @@ class WithoutUnknowns(OfTip):
 
     @property
     def readings(self) -> Mask:
-        """Mask of the measured components along three axes, (poses, 3)."""
+        """Mask of the measured components of positions or orientations along three axes, (poses, 3)."""
         return np.isfinite(self.values)
 
     @property
@@ -158,11 +158,11 @@ class OfLinks:
 
     @property
     def readings(self) -> Mask:
-        """Mask of the measured components, (poses, 2)."""
+        """Mask of the measured components of pixels or inclinations, (poses, 2)."""
         return np.isfinite(self.values)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return derivatives of zero, since the tool point does not change the measurement."""
+        """Return derivatives of zero, since the tool point does not change measurements on links."""
         return np.zeros((len(self.values), 2, 6))
 
 

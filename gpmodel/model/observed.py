@@ -21,7 +21,7 @@ class Observed:
     twists: {frame index: error twist (poses, 6), m and rad}; the last two indices are instrument and tool.
     kinds: kinds of measurements, such as positions or pixels.
     own: unknowns of the measuring equipment by key.
-    carried: derivative of the tool's twist with respect to the twist of a frame, for closed loops; None for a chain.
+    carried: derivative of the tool's twist with respect to the twist of a frame, for closed loops; None without loops.
     lineage: mask (frames, frames), True if a twist at one frame moves the other frame.
     tip_slot: index of the frame that carries the tip, for each pose.
     """

@@ -29,7 +29,7 @@ TURNING = 1e-3
 """Smallest ratio of the second smallest to the largest singular value of a hand-eye calibration. With a smaller ratio
 all views rotate about one axis."""
 METRES_A_PIXEL = 1e-3
-"""Size of a pixel, m, if no image has an extent: at a distance of a thousand pixels per metre."""
+"""Assumed size of a pixel at the board, m, if every image shows one point only."""
 FEWEST_VIEWS = 3
 """Least number of camera views of a board: two rotations about two axes determine a hand-eye transform."""
 
@@ -88,7 +88,7 @@ def flattened(board: Array) -> tuple[Array, Array]:
 def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
     """Return the pose (4, 4) of a board in the camera frame, from its corners (corners, 3), m, and their directions.
 
-    plane: frame (4, 4) of the plane of a flat board; None for a body.
+    plane: frame (4, 4) of the plane of a flat board; None for a body that is not flat.
     """
     if plane is None:
         return _body_pose(board, seen)
@@ -104,7 +104,7 @@ def _body_pose(body: Array, seen: Array) -> Array:
     """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
     The initial pose assumes weak perspective. The translation fits the lines of sight given the rotation; the rotation
-    fits the nearest points on them. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
+    fits the nearest points on them. Iterations reduce the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
@@ -172,14 +172,14 @@ WORLD = -1
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
 """Least number of a board's corners, and of a body's markers, in one camera view. Fewer corners do not determine the
-pose of a board, and fewer markers not the pose of a body if some markers are wrong."""
+pose of a board; fewer markers do not determine the pose of a body if some are wrong."""
 FLAT = 1e-3
 """Largest distance of a board's corners from one plane, as a fraction of its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A camera or a board: its name, and the number of the frame (slot) that carries it, or WORLD."""
+    """A camera or a board: its name, and the number of the frame (slot) that carries it, -1 (WORLD) for none."""
 
     name: str
     slot: int

@@ -144,7 +144,7 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
 
 
 def _is_new(step: Array, axis: str) -> bool:
-    """Return whether an axis of a frame is the axis of no twist of the previous frame. step: transform (4, 4) from the
+    """Return whether a frame's axis differs from all twist axes of the previous frame. step: transform (4, 4) from the
     previous frame."""
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)

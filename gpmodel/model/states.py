@@ -63,8 +63,8 @@ class Derived:
 
     made: function that computes all columns, by name.
     known: function that returns whether a name may be a derived column.
-    unit: function from a column's name to its unit. All three functions are pickled for worker processes and therefore
-    belong to a module.
+    unit: function from a column's name to its unit. The functions made, known and unit are pickled for worker processes
+    and therefore belong to a module.
     """
 
     made: Callable[[], Mapping[str, Array]]
@@ -84,7 +84,7 @@ class Derived:
 def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
     """Return the joint torques of the weight of each link (WeightByPart.unit_loads); None if the weights are unknown.
 
-    The unit is N·m; for a first moment of mass (`_of_J4_x`) the unit is N·m per kg·m, which is m/s².
+    Torques are in N·m; torques of a unit first moment of mass (`_of_J4_x`) are in N·m per kg·m, which is m/s².
     """
     if not isinstance(mechanism, WeightByPart):
         return None
@@ -118,7 +118,7 @@ _SPELLED = re.compile(r"(?:measured_)?(?:torque|tau|effort|trq)_(?P<joint>\w+?)(
 def measured_torques(mechanism: Mechanism, dataset: Dataset) -> dict[str, str]:
     """Return the column of the measured torque of each joint, such as `torque_J2`, `tau_2`, `effort_elbow_joint`.
 
-    The unit may be any unit of torque, or of force for a prismatic joint. Columns with a constant value over several
+    A column may have any unit of torque, or of force for a prismatic joint. Columns with a constant value over several
     rows are ignored.
     """
     varies = {c for c, values in dataset.extras.items() if len(values) == 1 or np.ptp(values) > 0}
@@ -355,8 +355,8 @@ def _of_the_payload(name: str) -> bool:
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
     """Return the joint torques of the payload alone, without the torques of the links.
 
-    If the payload varies, the torques of the payload are listed columns. If the payload is constant, the torques are
-    computed on demand, for a model that was fitted with varying payloads.
+    A varying payload's torques are listed columns. A constant payload's torques are computed on demand, for a model
+    that was fitted with varying payloads.
     """
     bare = loads_at(mechanism, replace(dataset, payload=np.zeros(len(dataset))))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]

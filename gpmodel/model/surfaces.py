@@ -23,7 +23,7 @@ class Surface:
     """A kind of surface that a tool may touch.
 
     needs: number of touches that determine the surface.
-    axes: indices (in AXES) of the observable twists of the surface's frame.
+    axes: indices, in the order Tx to Rz, of the observable twists of the surface's frame.
     gap: function from points (points, 3) in the surface's frame to gaps, m; for a sphere the distance to its centre.
     slope: function from points to the derivatives (points, gaps, 3) of the gaps.
     place: function from touches (touches, 3) in the root and radius (NaN if unknown) to frame (4, 4) and radius, m.

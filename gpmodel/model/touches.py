@@ -30,7 +30,7 @@ from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 class Feature:
     """A surface fixed to a body.
 
-    surface: kind of surface, a key of SURFACES.
+    surface: kind of surface, such as "on_plane".
     frame: pose (4, 4) of the surface in the body.
     radius: radius of the surface, m; NaN if unknown.
     """
@@ -42,7 +42,7 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """Kind of the touched surface, a key of SURFACES."""
+        """Kind of the touched surface, with its number of touches and its gap function."""
         return SURFACES[self.surface]
 
 
@@ -51,7 +51,7 @@ class Artefact:
     """A rigid body with one unknown pose that the tool touches.
 
     name: key of the body's unknowns.
-    axes: indices (in AXES) of the observable twists of the body's frame.
+    axes: indices, in the order Tx to Rz, of the observable twists of the body's frame.
     features: touched surfaces of the body.
     """
 
@@ -215,8 +215,8 @@ class Touches(OfTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Index of each row's touched surface among the surfaces of all bodies; poses of the surfaces in their bodies,
-        and known radii."""
+        """Index of each row's touched surface among the surfaces of all bodies; poses of the surfaces in the bodies, m;
+        known radii, m."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)

@@ -183,8 +183,8 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
 def orientation_record(plots: PlotRecord, final: Calibration, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
     """Return the RMS angle between measured and modelled orientation, mrad, of the first and of the last model.
 
-    The RMS angle is over held-out poses, or over all poses if none were held out. The result is empty without measured
-    orientations. outliers: row numbers in the table.
+    The RMS angle is over held-out poses, or over all poses if none were held out. Without measured orientations the
+    record is empty. outliers: row numbers in the table.
     """
     if not plots.turn_mrad:
         return ()

@@ -86,7 +86,7 @@ def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
     """Return the errors at held-out poses, mm, or at fitted poses if none were held out; None for fewer than two
     poses.
-    Before calibration, registration and tool are fitted with nominal geometry. every: include outliers."""
+    Before calibration, registration and tool are fitted with nominal geometry. every: True to include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]
@@ -110,7 +110,7 @@ SMALL_PRINT = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """Content of an accuracy certificate as text; empty fields are filled in by hand.
+    """Content of an accuracy certificate as text; empty fields of the certificate are filled in by hand.
 
     statistics: name, value before calibration, value after calibration.
     before: heading of the errors before calibration.

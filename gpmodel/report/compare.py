@@ -34,7 +34,7 @@ class Change:
     """A parameter in a first report (before) and in a second report (after) on one machine.
 
     before, after: value and standard error, SI units.
-    stderr: standard error of the difference, None if both fits use equal rows.
+    stderr: standard error of the difference, None if both reports use equal rows.
     chance: probability of so large a difference without a change, corrected for all comparisons (Holm).
     """
 

@@ -114,7 +114,7 @@ def shape_record(
     """Return the partial residual of an effect pose by pose: its contribution plus the residual along its column.
 
     The partial residual is θ φ + l·r / l·l, with contribution θ φ, motion l of the measured components per unit of the
-    twist, and residual r, both weighted as in the fit. The result is None if the model lacks the effect.
+    twist, and residual r, both weighted as in the fit. An effect that the model lacks has the record None.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -204,7 +204,7 @@ def effect_records(
 ) -> tuple[EffectRecord, ...]:
     """Return the records of candidates fitted to `poses`, with the displacement of the tool at measured and random
     poses.
-    names: joint names in the table. states: inputs of the basis functions at the poses."""
+    names: joint names in the table. states: values of the basis functions' inputs at the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()

@@ -152,7 +152,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
     """Return the angle between measured and modelled orientation of each pose, rad, by the fit listed with the pose.
-    The angle is NaN without a measured orientation, or for a set-up or tool that was not calibrated."""
+    Orientation errors are NaN without a measured orientation, or for a set-up or tool that was not calibrated."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:
         seen = resolved(fit, some.subset(_known(fit, some)))

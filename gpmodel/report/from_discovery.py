@@ -77,9 +77,9 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
 
 
 def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
-    """Return for each finding the Pareto front of formulas at its site, shortest first; empty if not a formula. The
+    """Return for each finding the Pareto front of formulas at its site, shortest first; empty without a formula. The
     gain in log likelihood, nats, is ν/2 · -ln(1 - g) for a formula that removes the share g of the residual sum of
-    squares of ν degrees of freedom, given everything else in the model fitted to all poses."""
+    squares of ν degrees of freedom, given all other effects of the model fitted to all poses."""
     found = discovery.fitted.candidates
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
     if not any(able):

@@ -102,9 +102,9 @@ def floor_mm(
 ) -> tuple[float | None, NoiseSource | None]:
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    The first available source is used. Repeats are compared after subtraction of predictions, because the temperatures
-    of repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured components the
-    RMS is σ √c. values: number of components left to the fit if solved joint values absorb the others.
+    Sources are tried in the order above. Repeats are compared after subtraction of predictions, because the
+    temperatures of repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured
+    components the RMS is σ √c. values: number of components left to the fit if solved joint values absorb the others.
     """
     data = poses.dataset
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
@@ -138,7 +138,7 @@ def repeatability(data: Dataset) -> Repeatability | None:
 
     RP is l + 3 S, with mean l and standard deviation S (n - 1) of the distances of the repeats from their mean
     position. The uncertainty of the mean RP is computed from the spread between poses. With fewer repeats than the 30
-    of the standard, RP is smaller.
+    of the standard, RP is too small.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:

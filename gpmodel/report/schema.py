@@ -78,8 +78,8 @@ class PredictedRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """Errors of one model of a growing sequence. effect: index in `effects` of the effect that the model adds. rank:
-    effective number of unknowns."""
+    """Errors of one model in a sequence of growing models. effect: index in `effects` of the effect that the model
+    adds. rank: effective number of unknowns."""
 
     step: str
     train: ErrorsMm = ErrorsMm()
@@ -190,7 +190,7 @@ class ExportRecord:
 class Report:
     """The content of the file report.json.
 
-    kind: the function that made the report. settings: settings of an evolution.
+    kind: function that made the report: calibrate, discover or evolve. settings: settings of an evolution.
     noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
     stopped: reason for the end of the search.
     placement: tool point in the flange frame and root pose in the instrument's frame; rotations as vectors.
@@ -265,7 +265,7 @@ class Report:
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
         """Return the RMS angle between measured and modelled orientation after a step of the calibration, mrad.
-        The angle is None without measured orientations, and for models between standard model and last model."""
+        Without measured orientations, and for models between standard and last model, the RMS angle is None."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 

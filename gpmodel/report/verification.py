@@ -88,7 +88,7 @@ class Verification:
     tolerance_mm: largest allowed error of a row, or None.
     kinds: measurements other than points, whose errors are converted to mm.
     orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: distance of the tool point.
-    rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
+    rows: number of rows in the table, of which `poses` are tested; others: rows that are only compared with the
     tolerance.
     fitted: number of rows that were excluded because the model was fitted to them.
     explained: True if the residual without the changes is not significant.

@@ -21,7 +21,7 @@ twenty poses in a small box the ratio is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
-clusters. The number of pairs is constant for clusters and doubles for poses along a line."""
+clusters. The number of pairs of poses is constant for clusters and doubles for poses along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
 """Difference of joint values, rad or m, above which rows with one `repeat` label are no repeats: 0.3 deg moves a tool
@@ -35,7 +35,7 @@ FEWEST_POSES = 20
 
 FEW_TOUCHES = 12
 """Largest number of touches of one surface, point or bar that form one block, because all touches are needed to locate
-the object. With more touches, any half of the touches locates the object."""
+the object. If the object has more touches, any half of them locates the object."""
 
 SAMPLE = 50
 """Number of poses that are first searched for clusters, so that a large table without clusters is recognised early."""
@@ -64,9 +64,9 @@ def repeat_blocks(dataset: Dataset) -> IntArray:
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     """Return a number for each row, equal for repeated measurements at one pose, payload, set-up and tool.
 
-    whatever: True to number equally also rows that differ in measurement or set-up.
+    whatever: True to give one number also to rows of a pose that differ in measurement or set-up.
     Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
-    number, unless joint values are approximate. A row that copies the measurement of another row gets a new number.
+    number, unless joint values are approximate. A row with a copied measurement gets its own number.
     """
     read = () if whatever else ("setup", "tool", *READ)
     keys = np.column_stack([_of_one_pose(dataset, whatever), *(dataset.codes(c)[1] for c in read)])
@@ -170,7 +170,7 @@ def check_repeats(dataset: Dataset) -> None:
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
     """Return for each row the number of the first row with equal text in a column.
-    A row without text, or with a text that more than `most` rows have, is numbered as itself."""
+    A row keeps its own number if its text is empty or stands in more than `most` rows."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
     return np.where((labels == "") | (count[code] > most), np.arange(len(labels)), first[code]).astype(np.int64)
@@ -244,7 +244,7 @@ def original(dataset: Dataset) -> IntArray:
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
-    """Renumber codes of rows from 0 in their order of appearance, with the rows in a given order."""
+    """Renumber the codes of rows from 0, in order of first appearance along a given order of the rows."""
     _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
     out = np.empty(len(codes), dtype=np.int64)
     out[order] = np.argsort(np.argsort(first))[code]
@@ -252,12 +252,12 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 
 
 FEWEST_HELD, USUAL = 5, 0.3
-"""Least number and usual share of held-out poses. With fewer held-out poses the p-value of a test exceeds 3 % even if
-all poses improve."""
+"""Least number and usual share of held-out poses. With fewer than five held-out poses, the p-value of a test exceeds 3
+% even if all poses improve."""
 
 FOLDS = 5
-"""Number of folds of a cross-validation that repeats a whole fit or search. Each fit uses 80 % of the poses (Hastie et
-al. 2009, 7.10)."""
+"""Number of folds of a cross-validation that repeats a whole fit or search. A fit without one of five folds uses 80 %
+of the poses (Hastie et al. 2009, 7.10)."""
 
 FOLD_SEED = 0
 """Random seed of every split, fold and permutation that tests a search. Held-out poses therefore do not depend on the

@@ -47,7 +47,7 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
 def with_results(
     frame: pd.DataFrame, results: Mapping[str, Array | list[str]], prefixes: tuple[str, ...]
 ) -> pd.DataFrame:
-    """Add computed columns to a table. Columns with equal names or with `prefixes`, of an earlier run, are replaced."""
+    """Add computed columns to a table. Columns of an earlier run, with equal names or with `prefixes`, are replaced."""
     names = {split_header(header)[0] for header in results}
     old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
     return frame.drop(columns=old).assign(**results)
@@ -286,13 +286,13 @@ def _check_names(header: list[str], path: Path) -> None:
 _TIME_OF_DAY = r"(?i)\s*\d{1,2}:\d\d(:\d\d([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*"
 """Pattern of a clock time without a date, such as 12:30:05."""
 HALF_A_DAY = 43200.0
-"""Half a day, s: clock times that fall by more pass midnight."""
+"""Half a day, s: a fall of the clock time by more means that midnight has passed."""
 
 
 def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
-    """Convert clock times in cells, with or without dates, to seconds after the first time; None for other cells.
+    """Convert clock times in cells, with or without dates, to seconds after the first time; None without clock times.
 
-    Times without dates continue past midnight if they never fall by less than half a day from a row to the next. Dates
+    Clock times without dates continue past midnight if every fall from a row to the next is at least half a day. Dates
     with slashes are read only if all are equal, because the order of day and month differs between countries.
     """
     known = cells.dropna().astype(str)

@@ -85,7 +85,7 @@ class Readings(Protocol):
     """Interface of measurements other than points, orientations and distances; see gpmodel.model.observation."""
 
     def subset(self, rows: IntArray) -> "Readings":
-        """Return the measurements at some poses."""
+        """Return the measurements at the poses with the given row numbers."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Dataset:
     position: x, y, z in the frame of the instrument, m, NaN where not measured.
     rotation: rotation vectors in the frame of the instrument, rad, NaN where not measured.
     row: number of the data row in the file, from 1.
-    payload: mass at the tool, kg; payload_given: True if the table has a payload column.
+    payload: mass at the tool, kg. payload_given: True if the table has a column of payloads.
     distances: measured distances, m, by name.
     readings: columns of instruments such as cameras, by name.
     described: content of the description files, by "cameras", "board" and "surfaces".
@@ -187,7 +187,7 @@ class Dataset:
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
-        """Return the text of each row in a label column such as `setup`, "" if the table lacks the column."""
+        """Return the text of each row in a label column such as `setup`, "" if the table lacks this label column."""
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:

@@ -77,7 +77,7 @@ def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
-"""Largest deviation of a quaternion's norm from one. The norm of quaternions with two digits is closer to one."""
+"""Largest deviation of a quaternion's norm from one. Quaternions rounded to two digits have a norm closer to one."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 _NUMBERED = re.compile(r"^c?(\d+)$")
 
@@ -102,7 +102,7 @@ class ColumnMap:
     columns: name in the table -> column of the file, or a formula of columns, with its unit in brackets. A column of
     the file is given by its name or by its number, as c7.
     tools: columns of x, y and z of several reflectors, by reflector.
-    header: True if the file has a header.
+    header: True if the file has a header line.
     join: rule by which a second file is joined, see `gpmodel.table.join`.
     """
 
@@ -182,7 +182,7 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
     """Convert the rows of a sheet to a table of text cells with units in its headers.
 
     Orientations become rotation vectors [deg]. Columns that the map does not name are not imported. Three equal
-    coordinates count as missing; some programs write equal coordinates if no reflector was seen. With several
+    coordinates x, y, z count as missing, because some programs write them if no reflector was seen. With several
     reflectors the table has one row per pose and reflector. Raises InputError for a missing column, an invalid formula,
     a missing or unknown unit, or text among numbers.
     """

@@ -16,7 +16,7 @@ from gpmodel.wording import some
 
 ORDER, ROWS = "order", "rows "
 COMMON = 0.5
-"""Least share of rows of the shorter file that a common column has to match, for a join of two files."""
+"""Least share of the shorter file's rows that have a partner with an equal value of a common column, for a join."""
 _STRETCH = re.compile(r"^\s*(\d{1,7})-(\d{1,7}) *= *(\d{1,7})-(\d{1,7})\s*$")
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 
@@ -56,7 +56,7 @@ def ways(first: Sheet, second: Sheet) -> Iterator[str]:
 
 
 def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
-    """Join the rows of two sheets; rows of either sheet without a partner are listed in the field `said`.
+    """Join the rows of two sheets; the field `said` lists rows without a partner.
 
     how: rule by which rows are joined. `order`; `No = Point`, a column of each sheet, or one name for both; `time t =
     Time Stamp`, the row of the first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`.
@@ -125,7 +125,7 @@ def _clock(sheet: Sheet, column: int) -> np.ndarray:
 
 
 def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
-    """Return the identifier of each row's point: the cell, or the last number in the cell, but no decimals."""
+    """Return the identifier of each row's point: the text of its cell, or the last whole number in the cell."""
     text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
     if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
         return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])

@@ -60,7 +60,7 @@ class Sheet:
 
     names: header of each column, "" without header.
     cells: text by row and column with decimal points, missing where empty; columns are numbered from 0.
-    said: notes on separator, header and units as recognised.
+    said: notes on the recognised separator, header and units.
     """
 
     names: tuple[str, ...]

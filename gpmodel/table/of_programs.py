@@ -32,8 +32,8 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     X: transform of the offsets NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad.
     M(o): motion of the joint NAME by its offset o, rad or m.
     Raises InputError if a file is unreadable, or no offset belongs to a joint of the URDF.
-    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF. In updateURDF the
-    offset of a joint is written to <calibration rising>, which no other program reads.
+    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF. updateURDF writes a
+    joint's offset to <calibration rising>, which no other program reads.
     """
     offsets = _offsets(path)
     try:
@@ -82,7 +82,7 @@ def _offsets(path: Path) -> dict[str, float]:
 
 
 def _unquoted(name: str) -> str:
-    """Return a name of a YAML file without its quotes. Raises ValueError for an escape that JSON lacks."""
+    """Return a name of a YAML file without its quotes. Raises ValueError for an escape sequence that JSON lacks."""
     return str(json.loads(name)) if name.startswith('"') else name.strip("'").replace("''", "'")
 
 
@@ -237,8 +237,8 @@ def is_figaroh(path: Path) -> bool:
 def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
     """Return the map of a FIGAROH file, for a table with one row per pose and marker.
 
-    Several markers become tools of one set-up, and rows of one pose form a group. Orientations are read only if the
-    file has a single marker. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is
+    Several markers become tools of one set-up; the markers' rows of one pose form a group. Orientations are read only
+    if the file has a single marker. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is
     missing. Source: thanhndv212/figaroh-plus, calibration/data_loader.py.
     """
     if mechanism is None:

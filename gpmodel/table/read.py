@@ -36,7 +36,7 @@ _NAMELESS = re.compile(r"^Unnamed: \d+$")
 def dataset_from(
     frame: pd.DataFrame, path: Path, mechanism: Mechanism, *, need_measurement: bool = True, sha256: str = ""
 ) -> Dataset:
-    """Convert the text cells of a table to a Dataset. path: file named in messages.
+    """Convert the text cells of a table to a Dataset. path: file name for messages.
 
     The page docs/reference/formats.md describes the columns. Raises InputError for a missing or unknown unit, missing
     or surplus joints, text among numbers, or no measurements.

@@ -25,7 +25,7 @@ MEASURED = {
 }
 """Types of ROS messages, and the fields with the point and the quaternion."""
 APART = 0.05
-"""Largest time between a measurement and its joint state, s. Drives report 20 times a second or more often."""
+"""Largest time between a measurement and its joint state, s. Drives report joint states at least 20 times a second."""
 
 
 @dataclass(frozen=True)
@@ -127,4 +127,4 @@ def _time(message: object) -> float:
 
 
 _part = getattr
-"""Function that reads a field of a ROS message, whose class rosbags creates from its definition."""
+"""Function that reads a field of a ROS message; the package rosbags creates the class of the message."""

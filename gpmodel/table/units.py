@@ -41,7 +41,7 @@ def _registry() -> pint.UnitRegistry:
 
 
 def split_header(header: str) -> tuple[str, str | None]:
-    """Split a header into name and unit: `J1 [deg]` gives ("J1", "deg"). The unit is None without brackets."""
+    """Split a header into name and unit: `J1 [deg]` gives ("J1", "deg"). Without brackets no unit (None)."""
     match = _HEADER.match(header)
     return (match["name"], match["unit"].replace("℃", "°C").replace("℉", "°F")) if match else (header.strip(), None)
 
@@ -71,7 +71,7 @@ def _spelled(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
-    """Return True if the units library can parse and convert a unit; `1` is dimensionless."""
+    """Return True if the units library can parse and convert a unit; the unit `1` is dimensionless."""
     try:
         registry = _registry()
         spelled = registry.parse_units("" if unit == "1" else _spelled(unit))
@@ -134,8 +134,8 @@ def as_typed(text: str) -> str:
 
 
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). Returns None if number or unit is
-    missing."""
+    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). Return None for a text without number or
+    unit."""
     text = as_typed(text)
     match = None if _NUMBER.match(text) else _QUANTITY.match(text)
     return (float(match["value"]), match["unit"]) if match else None
@@ -144,7 +144,7 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 def factor_like(unit: str, like: str) -> float | None:
     """Return the size of one `unit`, which may be `/K`, in SI units; None if its dimension differs from `like`'s.
 
-    Units with an offset (degC) give None, because their values are not multiples of a unit.
+    Units with an offset (degC) give None, because temperatures in degC are not multiples of a unit.
     """
     try:
         value: pint.Quantity = _one(unit)
@@ -196,8 +196,8 @@ class TomlTable:
     """One table of a TOML file with units in its keys. Keys are read and removed one by one; a remaining key is an
     error.
 
-    content: output of tomllib. where: name of the table in messages. Every method raises InputError for a value of the
-    wrong kind.
+    content: output of tomllib. where: name of the table in messages. Methods raise InputError for a value of the wrong
+    type.
     """
 
     def __init__(self, content: object, where: str) -> None:

@@ -1,6 +1,6 @@
 """Contract checks of extensions: a mechanism, a family of effects, a representation of programs.
 
-Each check is a plain function for the author's own tests. A check raises AssertionError with the violated condition.
+Contract checks are plain functions for an author's tests. A check raises AssertionError with the violated condition.
 """
 
 from gpmodel.testing.effects import check_effect, check_family

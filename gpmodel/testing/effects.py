@@ -33,8 +33,8 @@ def check_family(
 
     inputs: further columns by header: "temperature [degC]": values (poses,).
     The family cites a source and offers at least one candidate; names are unique, costs are not negative. Basis
-    functions depend on known inputs only, are finite, and survive conversion to text. The column of each effect is the
-    derivative of the predicted point, signs included.
+    functions depend on known inputs only, are finite, and survive conversion to text. An effect's column is the
+    derivative of the predicted point with respect to its coefficient, signs included.
     """
     scene, placement = _scene(mechanism, inputs or {}, poses, seed)
     found = tuple(instances(family, mechanism, scene.states))

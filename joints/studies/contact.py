@@ -74,7 +74,7 @@ def _length(text: Any, where: str) -> float | None:
 
 
 def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Make Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type."""
+    """Make Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type of the joint."""
     types = contact_types(path)
     largest = (["" if v is None else v * MICRO for v in (getattr(t, key) for key in LENGTHS)] for t in types)
     rows = [(t.name, t.contact, t.friction, *of, t.figure) for t, of in zip(types, largest, strict=True)]
@@ -149,7 +149,7 @@ _KEYS = (
 
 
 def contact_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate the contact of Table 3.3 as printed (two cylinders), by its formulas with the true radii, and exact."""
+    """Tabulate a Hertz contact: as in Table 3.3 (two cylinders), by Slocum's formulas with true radii, and exact."""
     s = load_settings("contact", path)
     ball, support = Body(**s["ball"]), Body(**s["support"])
     flat = s["published_major_radius"]

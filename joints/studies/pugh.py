@@ -14,7 +14,7 @@ from joints.studies.study import Study, Table
 
 class PughChart(msgspec.Struct, forbid_unknown_fields=True):
     """A Pugh chart as in the TOML file. marks: {criterion: one mark per concept}, integers once read.
-    weights: 1 unless given.
+    weights: weight of each criterion, 1 by default.
 
     Raises InputError for a row of wrong length, an invalid mark, or a weight of an unknown criterion.
     """
@@ -40,7 +40,7 @@ class PughChart(msgspec.Struct, forbid_unknown_fields=True):
 
     @property
     def grid(self) -> IntArray:
-        """Marks (criteria, concepts) as integers, plus marks positive."""
+        """Marks of a Pugh chart (criteria, concepts) as integers, plus marks positive."""
         return np.array(list(self.marks.values()), int)
 
     @property
@@ -50,7 +50,7 @@ class PughChart(msgspec.Struct, forbid_unknown_fields=True):
 
     @property
     def pluses(self) -> IntArray:
-        """Number of plus marks of each concept; "++" counts as two."""
+        """Number of plus marks of each concept in a Pugh chart; "++" counts as two."""
         return np.asarray(np.maximum(self.grid, 0).sum(axis=0))
 
     @property

@@ -2,9 +2,9 @@
 
     modified:  Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)        standard:  Rz(theta) Tz(d) Rx(alpha) Tx(a) Ry(beta)
 
-beta is zero except between nearly parallel axes, whose common normal is ill-defined. The row of nearly parallel axes
-follows the plane perpendicular to the first axis to its intersection with the second. A format with four columns has no
-beta and cannot express nearly parallel axes. Source: Craig (1986); Hayati and Mirmirani (1985).
+beta is zero except between nearly parallel axes, whose common normal is ill-defined. Between nearly parallel axes, the
+length a lies in the plane perpendicular to the first axis and ends at the second axis. A format with four columns has
+no beta and cannot express nearly parallel axes. Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,8 +29,8 @@ NEARLY_PARALLEL = np.radians(1.0)
 common normal of axes a metre apart by more than 6 mm."""
 FAR = 10.0
 """Largest distance of two axes' common normal from their frames, m. At 10 m, 1 µm at the tool needs angles with six
-decimals of a degree, the usual format of tables. At 5 m some arms of 3 m are refused; at 20 m seven decimals are
-needed."""
+decimals of a degree, the usual format of tables. A limit of 5 m refuses some arms of 3 m; a limit of 20 m needs seven
+decimals."""
 ALONGSIDE = np.radians(45.0)
 """Angle between two axes, rad, above which a distant common normal is caused by a long rail and accepted."""
 
@@ -52,7 +52,7 @@ class Across:
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
     """Decompose a transform (4, 4) between two frames, each with its axis along z.
 
-    parallel: angle between the axes, rad, below which beta is used. Beta is also used if a common normal is beyond FAR.
+    parallel: angle between the axes, rad, below which beta is used. Beta also replaces a common normal beyond FAR.
     """
     angle = tilt(frame)
     found = _hayati(frame) if angle < parallel else _normal(frame)
@@ -175,7 +175,7 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
 
     Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sign is added.
     Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in
-    TOML express both.
+    TOML can express such joints and axes.
     """
     signs, others = _couplings(chain, mechanism.joints)
     names = [joint.name for joint in mechanism.joints]

@@ -36,7 +36,7 @@ PROBES = 8
 class Chain:
     """Serial chain of frames T_s(q) = fixed_s · motion along or about axis_s by weights_s · q, q the joint values.
 
-    slots: names of the frames s. fixed: constant transforms, m. axes: one of AXES, or "" for a frame without motion.
+    slots: names of the frames s. fixed: constant transforms, m. axes: "Tx" to "Rz", or "" for a frame without motion.
     weights: factors of the table's joint values in the motion of each frame.
     """
 
@@ -67,7 +67,7 @@ class Chain:
 def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
     """Return the joints that several values of the controller move, as by a parallelogram linkage.
 
-    Each joint maps to the joints whose values move the joint, with factors; the first is the joint itself, factor 1.
+    A coupled joint is mapped to the joints whose values move it, with factors; first the joint itself, factor 1.
     """
     moves: dict[str, dict[str, float]] = {}
     for joint in mechanism.joints:
@@ -229,7 +229,7 @@ class Forward:
 
 
 def forward_of(saved: SavedModel, place: Place) -> Forward:
-    """Return the forward model of `predict` at the end of the session, without effects that text cannot express.
+    """Return the forward model of `predict` at the end of the session, without effects that source text cannot express.
 
     If the mechanism has several arms, the forward model is that of the arm with the tool of `place`. Raises InputError
     for a mechanism that is not a serial chain, or a load with unknown masses.

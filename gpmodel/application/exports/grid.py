@@ -21,22 +21,22 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
 
 NODES = 5
-"""Number of nodes along each side of the lookup table. The interpolation error falls with the number's square."""
+"""Number of nodes along each side of the lookup table. The interpolation error falls with the nodes' square."""
 
 MOST_NODES = 100
 """Largest number of nodes along a side of the lookup table. A million corrections exceed the memory of every controller
 and take an hour of computing."""
 
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
-"""Half sides of trial boxes of a lookup table, if none is given, relative to the spread of the measured points. Each
-box has three times the volume of the preceding box; the last box is half as wide as the workspace."""
+"""Half sides of trial boxes of a lookup table, if none is given, relative to the spread of the measured points.
+Successive trial boxes grow threefold in volume; the last trial box is half as wide as the workspace."""
 
 PROBES, LEFT = 3, 0.2
-"""Nodes along each side of a trial box, and largest accepted error between nodes, relative to the uncorrected error.
-With NODES nodes the interpolation error is a quarter of that with PROBES nodes."""
+"""Number of nodes along a side of a trial box; largest accepted error between nodes, relative to the uncorrected error.
+With 5 nodes along a side (NODES) the interpolation error is a quarter of that with 3 nodes (PROBES)."""
 
 NEAR, STEPS = 20, 5
-"""Number of measured poses near the middle of the box at which inverse kinematics may start; steps between nodes."""
+"""Number of measured poses near the box's middle at which inverse kinematics may start; steps between two nodes."""
 
 TRIED = 5
 """Number of measured poses around which a box of the lookup table is tried, the pose farthest from singular first."""
@@ -47,8 +47,8 @@ CHECKS, TRIALS = 1000, 200
 
 @dataclass(frozen=True)
 class Grid:
-    """Lookup table. text: content of the file. error: distance, m, of the real tool from random commanded points of the
-    box with interpolated correction; before: distance without correction. reached: share of nodes with a correction.
+    """Lookup table. text: content of the file. error, before: distance, m, of the real tool from random commanded
+    points of the box with interpolated correction, and without correction. reached: share of nodes with a correction.
     state: payload and further inputs at which the corrections hold."""
 
     text: str
@@ -117,8 +117,8 @@ def _interpolated(text: str, points: Array) -> Array:
 
 
 def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
-    """Return the pose with the largest cube that PROBES³ nodes correct, and the cube; by default the first and
-    smallest."""
+    """Return the pose and the size of the largest correctable trial cube; the first pose and smallest cube if none
+    is."""
     best, served = (poses[0], _cube(poses[0], SIZES[0] * spread)), 0
     for pose in poses[:TRIED]:
         while served < len(SIZES) and _serves(pose, cube := _cube(pose, SIZES[served] * spread)):
@@ -127,7 +127,7 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Return whether all points of a cube are reachable in one arm configuration, with errors reduced to LEFT."""
+    """Return whether a cube is reachable in one arm configuration, with errors reduced to the accepted share LEFT."""
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))

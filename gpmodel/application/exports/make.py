@@ -34,7 +34,7 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Unmeasured poses, and their tool points, m, as computed by `gpmodel predict`."""
+    """Unmeasured poses, and the tool points, m, that `gpmodel predict` computes for the poses."""
 
     dataset: Dataset
     points: Array
@@ -54,7 +54,7 @@ class PredictedPoints:
 
 @dataclass(frozen=True)
 class Check:
-    """Predicted tool points, and the inputs of an exported forward model at their poses."""
+    """Tool points predicted at some poses, and the inputs of an exported forward model at these poses."""
 
     forward: Forward
     predicted: PredictedPoints
@@ -123,8 +123,7 @@ def exports_of(
 def parts_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> list[Callable[[], Exports]]:
-    """Return the exports as functions to run in parallel; one function makes all files that share a fit or a source
-    text."""
+    """Return the exports as functions to run in parallel; one function makes all files from one fit or source text."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
 

@@ -139,7 +139,7 @@ def measured_link(text: str) -> str:
 
 
 def follows(mechanism: Mechanism, file: str) -> tuple[str, ...]:
-    """Describe how an exported file expresses each joint that several values of the controller move."""
+    """Describe how an exported file expresses joints that several of the controller's values move."""
     out = []
     for name, factors in coupled(mechanism).items():
         own, *others = factors
@@ -166,7 +166,7 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     """State contents, error and omissions of exported geometry, as comment lines for the head of a file.
 
     link: link of the tool point; for several arms all links, separated by commas.
-    at: pose of the measured link in the frame of `link`, m, by name; empty if `link` is the measured link.
+    at: pose, m, of the measured link in the frame of `link`, by link name; empty if `link` is the measured link.
     """
     lines = [f"Geometry of {harmless(rigid.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
