@@ -65,7 +65,7 @@ def explore(
     After the first round the permuted runs are omitted if no program has the least gain, nats, of a finding. Half as
     many permuted runs suffice if their largest gains are pooled with earlier ones, but at least as many as a p-value
     needs. With more than `evolved_poses` poses evolution uses a sample of them (half of it if the model has hundreds of
-    columns); programs are scored on all poses. Without runs no input is counted. Raises OutOfTime at the time limit.
+    columns); programs are scored on all poses. Without runs the input counts are 0. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2

@@ -235,8 +235,8 @@ def taken_as_measured(left: Residual, poses: Mask) -> Residual:
 
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
-    """Mark poses that are no outliers of the most likely of some formulas. The likelihood counts an outlier as if its
-    residual were at the outlier limit. residual: residual of the model without the formulas."""
+    """Mark poses that are no outliers of the most likely formula. The likelihood counts an outlier as if its residual
+    were at the outlier limit. residual: residual of the model without the formulas."""
     sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
     for law in laws:
         columns, _ = residual.projected(law.effects)

@@ -216,7 +216,7 @@ def _earlier_nulls(state: State) -> list[np.ndarray]:
 
 
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
-    """Evolve programs for a residual by genetic programming; return them with the histogram of their inputs."""
+    """Evolve programs for a residual by genetic programming; return the programs and the histogram of their inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Reporter(state.say.send, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)

@@ -240,9 +240,9 @@ class _Moved:
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
     """Return the change of each constant c inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
-    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has a
-    standard error. A change that the coefficient or the geometry can absorb is left out. theta: fitted coefficient θ of
-    each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
+    With the effects of changes in the model all standard errors are those of nonlinear least squares, and each constant
+    has a standard error. A change that the coefficient or the geometry can absorb is left out. theta: fitted
+    coefficient θ of each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
     """
     sites = tuple(dict.fromkeys((t.slot, t.axis) for e in candidate.effects for t in e.terms))
     law = _motion(candidate.effects, theta, states, sites)

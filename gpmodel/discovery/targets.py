@@ -39,7 +39,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Return the statistics `blank` with products of other residual values at each site, as targets of evolution."""
+    """Return the statistics `blank` completed with the residual `values` at each site, for genetic programming."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 

@@ -58,7 +58,7 @@ def _if_above(ratio: float, count: int) -> float:
 
 
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
-    """Shrink a variance inflation toward the mean inflation of the model's columns, as far as it is due to chance.
+    """Shrink a variance inflation toward the mean inflation of the model's columns, as far as chance explains it.
 
     The result is m + (ratio - m) τ² / (τ² + c), with mean m and variance v of the inflation of the columns, variance c
     = 2 m²/blocks of an inflation under independence, and τ² = max(0, v - c). Without dependence all inflations are

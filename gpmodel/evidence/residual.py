@@ -24,7 +24,7 @@ from gpmodel.table.dataset import Dataset
 def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the block index of each pose; the poses of a block count as one observation. Blocks are in order of rows.
 
-    Poses with one value of `group` or `repeat` in the table form a block. If these blocks are too few for a permutation
+    Poses with one value of `group` or `repeat` in the table form a block. If the blocks are too few for a permutation
     test, only rows that measure one pose form a block.
     """
     codes = repeat_blocks(dataset)
@@ -50,8 +50,8 @@ def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
 def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Permute whole blocks of poses `count` times; return one column of values of measured rows per permutation.
 
-    unit: block index of each pose. Poses keep their order within a block. The value of a measured component is zero
-    if the pose permuted into its place did not measure the component.
+    unit: block index of each pose. Poses keep their order within a block. A measured component gets the value zero if
+    the pose permuted into its place did not measure this component.
     """
     present = problem.weights > 0
     blocks = np.zeros(present.shape)

@@ -33,9 +33,9 @@ class Score:
 
 
 def mdl_gain(residual: Residual, gain: float | Array, count: int, cost: float, inflation: float = 1.0) -> float | Array:
-    """Compute the gain in description length, nats: dof/2 · (-ln(1 - gain)) / inflation - count/2 · ln M - cost.
+    """Compute the gain in description length, nats, of a candidate effect with `count` unknowns.
 
-    dof: degrees of freedom of the residual. count: number of unknowns. M: number of measured rows (Rissanen 1978).
+    dof/2 · (-ln(1 - gain)) / inflation - count/2 · ln M - cost; dof: degrees of freedom; M: rows (Rissanen 1978).
     """
     return fit_nats(gain, residual.freedom) / inflation - 0.5 * count * float(np.log(residual.measured)) - cost
 
@@ -75,7 +75,7 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 
 
 def unique_share(residual: Residual, candidate: Candidate) -> float:
-    """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
+    """Compute the share of a candidate's motion that the other effects of the model do not explain: |C⊥ w| / |C w|.
 
     C: columns of the candidate; for an instrument error without the part of registration and tool. C⊥: part of C that
     the model does not explain. w: smallest coefficients, in units of their priors if any, that give the candidate's
@@ -108,7 +108,7 @@ def _gain(residual: Residual, candidate: Candidate, span: Array, inflation: floa
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
-    """Return U and the diagonal s of the singular value decomposition of a candidate's columns times their priors."""
+    """Return U and s of the singular value decomposition U s Vᵀ of a candidate's columns times prior deviations."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior

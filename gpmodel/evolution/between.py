@@ -69,8 +69,8 @@ class PointsBetween:
     def has_pole(self, program: Program) -> bool:
         """Return whether a formula explodes at a zero of one of its parts on a line between neighbouring rows.
 
-        A part with opposite signs at a row and at the point on a line is zero between them. A quotient with this
-        denominator explodes there, unless its numerator is zero as well.
+        A part with opposite signs at a row and at the point on a line is zero between them. A quotient explodes at a
+        zero of its denominator, unless its numerator is zero as well.
         """
         count = len(self.last)
         signs = np.sign(np.array(program.values(self.columns, self.rows + count)))

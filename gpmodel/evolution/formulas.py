@@ -3,7 +3,7 @@
 Founders (first formulas) in one input are the short forms of ``gpmodel.evolution.founders``. In several inputs a
 formula is a product or a sum of formulas in one input each, or a formula of a weighted sum or of a distance. Factors,
 summands, weights or the point are estimated as smooth functions first; their residual variance ranks the structures.
-Each factor or summand is then searched as a formula of one input. The resulting population is bred
+Each factor or summand is then searched as a formula of one input. All formulas are bred further
 (``gpmodel.evolution.memetic``). Constants are fitted to the residual of the whole model at the site.
 """
 
@@ -122,7 +122,7 @@ def _nats(problem: SlotProblem, noise: float, less: float) -> float:
 
 
 def _of_more(problem: SlotProblem) -> list[_Structure]:
-    """Return structures of the three inputs with the least residual variance, and of pairs of these inputs."""
+    """Return formula structures of the three inputs with the least residual variance, and of pairs of these three."""
     some = [problem.only(0, names) for names in itertools.combinations(problem.inputs.names, 3)]
     found = [(structure(only), only) for only in some for structure in (_products, _of_weighted_sum)]
     found += [(_product_and_summand(only, last), only) for only in some for last in only.inputs.names]

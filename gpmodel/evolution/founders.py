@@ -28,7 +28,7 @@ STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (
 value, last value, number of steps."""
 ROOTS = 0.1, 1.0, 8
 """Grid of the distances of the outer roots of a cubic from its middle root: first, last, number of steps. With four
-steps a plain cubic began so inaccurate that two hundred other shapes ranked above it."""
+steps a plain cubic began so inaccurate that two hundred other shapes ranked above the cubic."""
 EXPONENTS = (0.75, 1.25, 2.0)
 """Exponents p of the odd powers x |x|^p of the first formulas; even powers start at p + 1."""
 ALONE = 3
@@ -81,7 +81,7 @@ class Element:
 
 @cache
 def _template(text: str) -> Program:
-    """Parse the text of an element as a program of inputs q, k, a, b, d and e."""
+    """Parse the text of a formula element as a program whose inputs are the placeholders q, k, a, b, d and e."""
     return parse(text.format(**{name: name for name in "qkabde"}))
 
 

@@ -109,8 +109,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
 def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
     """Return the penalty -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
 
-    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). k of N programs
-    evolved on residuals reference the input, k' of N' on permuted residuals. Without runs all penalties are 0.
+    Probability p of an input: proportional to its Bayes factor (k + 1) / (N + 2) over (k' + 1) / (N' + 2). k of N
+    programs evolved on residuals reference the input, k' of N' on permuted residuals. Without runs all penalties are 0.
     """
     references: dict[str, list[int]] = {}
     runs = sum(sum(h.runs.values()) for h in histograms)

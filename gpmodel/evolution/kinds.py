@@ -21,8 +21,8 @@ ANY, CONSTANT, NUMBER = "any", "constant", "number"
 ANGLE, SHORT, BENT, SQUARE = "angle", "short angle", "bent angle", "squared angle"
 CLOCKS = ("time", "row")
 SHORT_RANGE = np.pi / 2
-"""Range of an angle, rad, below which it counts as a short angle: the angle's sine is a straight line to 10 %, or a
-parabola to 3 %."""
+"""Range below which an angle, rad, counts as a short angle: the angle's sine is a straight line to 10 %, or a parabola
+to 3 %."""
 
 _SATURATING = ("tanh", "atan")
 _UNARY: dict[str, dict[str, str]] = {
@@ -105,7 +105,7 @@ class Typing:
     @cached_property
     def results(self) -> dict[str, NDArray[np.uint8]]:
         """Kind number of each operator's result for every kind of its argument, or every pair of kinds of its two
-        arguments. The number is ``NONE`` if the operation is not allowed."""
+        arguments. An operation that is not allowed has the number ``NONE``."""
         found = {}
         for operator in ARITHMETIC:
             table = np.full((len(self.kinds),) * operator.arity, NONE, dtype=np.uint8)

@@ -24,7 +24,7 @@ class Layout:
     start: initial value of each register: the name of an input, or None for 0.
     outputs: number of outputs, which are the first registers.
     direct: True if half of the operand codes of binary operators are inputs or constants, the other half registers.
-    kinds: kind of quantity of each input, which restricts the operations. Without kinds no operation is restricted.
+    kinds: kind of quantity of each input, which restricts the operations. Inputs without kinds restrict no operation.
     Raises InputError if a size exceeds what an instruction byte or an output mask can address.
     """
 

@@ -131,7 +131,7 @@ def _centred(program: Program) -> Program:
 
 
 def evolve_formulas(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
-    """Breed a population until a generation no longer improves it. names: inputs that formulas may use."""
+    """Breed formulas until a generation no longer improves the best one. names: inputs that formulas may use."""
     before = population.nats()
     varying = ((name, population.columns[name]) for name in names)
     elements = {name: ELEMENTS.on_grid(column[None])[0] for name, column in varying if np.ptp(column) > 0}

@@ -2,7 +2,7 @@
 origin near its values.
 
 In the unit of a distant column every smooth function is a straight line, and the residual is below the rounding error
-of the column's squares. The search therefore sees ``column - origin``, and its formulas are converted to formulas of
+of the column's squares. The search therefore uses ``column - origin``, and its formulas are converted to formulas of
 the columns at the end.
 """
 
@@ -20,11 +20,11 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 DISTANT = 30.0
-"""Ratio of a column's middle to its range above which the column is distant. At this ratio the best parabola differs
+"""Ratio of a column's middle to its range above which the column is distant. At a ratio of 30 the best parabola differs
 from 1/x by 7e-5 of the standard deviation of 1/x; at half the ratio by 3e-4, at double by 2e-5."""
 NEAR = 2.0
 """Largest distance of an origin from the middle of a column, in ranges of the column. Zero of a response such as 1e6 +
-hypot(a, b) is often a range outside the values; from a farther origin the values are distant again."""
+hypot(a, b) is often a range outside the values; seen from a farther origin the values are distant."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class Inputs:
     """Named columns that a program may use: values (inputs, poses), scaled to order one by the caller.
 
     kinds: kind of quantity of each column (``gpmodel.evolution.kinds``), so that only meaningful programs are searched.
-    Without kinds any program is allowed. Raises InputError if a name repeats, shapes disagree or a number is not
+    Inputs without kinds allow any program. Raises InputError if a name repeats, shapes disagree or a number is not
     finite.
     """
 
@@ -115,8 +115,8 @@ class CartesianProblem:
         return replace(self, measured=model + error)
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
-        """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm.
-        fixed: values (rows, poses) of inputs and constants. Scores above ``cutoff`` may be infinite."""
+        """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm. fixed:
+        values (rows, poses) of inputs and constants. A program's score above ``cutoff`` may be infinite."""
         from gpmodel.evolution.kernels.batch import sizes_by_outputs
 
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)

@@ -22,7 +22,7 @@ UNIQUE_SHARE = 1e-4
 """Default of the least share of a column outside the span of the model's columns, for a gain above zero."""
 
 SMALLEST = 1e-150
-"""Largest magnitude of a basis function below which it counts as zero: its squares underflow."""
+"""Magnitude below which a basis function counts as zero, because the squares of its values underflow."""
 
 ROUNDING_SHARE = 1e-8
 """Least share of a column outside the model's columns in noise-free regression; smaller shares are rounding errors."""
@@ -177,7 +177,7 @@ class Targets:
 
         White noise, projected out of the columns of the model, has a ``pull`` of covariance G (see module) at a site,
         not diag(weight). The pull is therefore whitened by G, permuted alike at all sites, and coloured by G again, so
-        that it has no part in the span of the columns.
+        that the pull has no part in the span of the columns.
         """
         order = rng.permutation(self.poses)
         pull = np.empty_like(self.pull)

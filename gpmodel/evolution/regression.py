@@ -227,7 +227,7 @@ class QuotientProblem(SlotProblem):
 
 
 class _Island:
-    """A population under one link function."""
+    """A population of programs under one link function."""
 
     def __init__(self, plain: SlotProblem, response: Array, link: LinkFunction, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, plain.inputs.mapping(), response
@@ -247,8 +247,8 @@ class _Island:
         return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
 
     def step(self, islands: Iterable["_Island"]) -> Iterator[Program]:
-        """Breed one generation, or restart with programs of the other populations; return formulas that may be
-        exact."""
+        """Breed one generation, or restart with programs of the other populations; return formulas that may have no
+        residual."""
         others = (other for other in islands if other is not self and self.run.is_stuck)
         improved = self.run.step([one for other in others for one in other.best()])
         return self._of_sizes(size for size in improved if self.run.archive.kept[size].gain > PROMISING)
@@ -289,7 +289,7 @@ def _finished(laws: Iterable[Law], problem: SlotProblem, between: PointsBetween)
 
 @dataclass(frozen=True)
 class _Judge:
-    """Judge of programs as formulas of a response. columns: values of the inputs. between: points between the rows.
+    """Test of programs as formulas of a response. columns: values of the inputs. between: points between the rows.
     exact: share of the response's variance below which a residual is a rounding error."""
 
     columns: dict[str, Array]

@@ -20,7 +20,7 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 Number = tuple[int, int]
-"""Number of a run: its round or the number of its representation, and the number of the run in the round."""
+"""Key of a run: index of its round or of its representation, and index of the run in the round."""
 
 
 class KeptRuns:

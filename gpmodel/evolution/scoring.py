@@ -18,7 +18,7 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
     solved together (see ``gpmodel.evolution.projection``). The score is the least description length of all sets, in
     nats:
         components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of columns in it)
-    base: number of rows of inputs and fixed constants. A program without gain scores 0.
+    base: number of rows of inputs and fixed constants. A program without gain has the score 0.
     """
     from gpmodel.evolution.kernels.batch import sizes_by_outputs
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply

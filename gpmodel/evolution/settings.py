@@ -58,8 +58,8 @@ class Truncation:
 
 @dataclass(frozen=True)
 class Tournament:
-    """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive, those
-    first whose score differs from that of all better programs."""
+    """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive, first
+    programs with a score unlike that of any better one."""
 
     size: int = 4
 

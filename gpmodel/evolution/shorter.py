@@ -19,9 +19,8 @@ MINUS = {"add": "subtract", "subtract": "add"}
 
 
 def shorter_forms(program: Program) -> Iterator[Program]:
-    """Yield programs with fewer nodes that still depend on an input.
-    Every node is replaced by each of its arguments, every constant takes the value that removes it, and constants are
-    set equal."""
+    """Yield programs with fewer nodes that still depend on an input. Every node is replaced by each of its arguments,
+    every constant takes values that make its node superfluous, and constants are set equal."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
             shorter = replaced(program, {index: partial(_argument, argument)})

@@ -58,11 +58,11 @@ BEYOND = 100.0
 SETTLED = 1e-4
 """Relative change of the noise variance below which iterations for a smooth function end."""
 TURNS, KEPT = (3, 15), 4
-"""Numbers of iterations over a product's factors from every initial value and from the best ones; number of these."""
+"""Numbers of iterations over a product's factors from all and from the best initial values; number of best ones."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
 """Number of initial functions (slow sines) of each factor but the first, by the number of factors of a product."""
 PARTS_IN_TURN = 3
-"""Number of iterations over a product and a summand; a fourth changes either by less than a tenth of the noise."""
+"""Number of iterations over a product and a summand; a fourth changes both by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
 """Number of trial weights from -1 to 1 of each input but one in a weighted sum, by the number of inputs; largest
 weight."""
@@ -103,7 +103,7 @@ module docstring."""
 
 
 def _axes(targets: Targets, basis: Array) -> _Axes:
-    """Diagonalise the matrices Φᵀ(D - BᵀB)Φ of several bases Φ (bases, poses, functions)."""
+    """Diagonalise Φᵀ(D - BᵀB)Φ of several bases Φ (bases, poses, functions). D, B: weight and cross of the targets."""
     weighted, seen = basis * targets.weight[0][:, None], targets.cross[0] @ basis
     sizes, turn = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen)
     return np.maximum(sizes, 0.0), turn, np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]

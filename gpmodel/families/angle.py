@@ -277,7 +277,7 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the shift of a ball joint by the lobes of its ball, two to four periods per unmeasured turn, m."""
+    """Yield the shift of a ball joint by the lobes of its ball, two to four periods per turn of the ball, m."""
     balls = balls_of(mechanism)
     for ball in balls:
         for angle, lobes, (said, shift) in product(ball.angles, LOBES, ball.shifts.items()):

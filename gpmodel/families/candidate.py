@@ -1,4 +1,4 @@
-"""Define candidates: groups of effects that the error model may lack and that enter it together."""
+"""Define candidates: groups of effects that the error model may lack and that enter the model together."""
 
 import math
 from collections.abc import Iterable

@@ -191,8 +191,7 @@ catalogue: tuple[Family, ...] = (*_OWN, *installed())
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
     """Return the candidates of all families that name a cause, for a mechanism and the columns of its table.
 
-    offers: families, candidates and single effects. Raises InputError for another type, or if two of them have one
-    name.
+    offers: families, candidates and single effects. Raises InputError for another type, or if two offers have one name.
     """
     named = (offer for offer in distinct(offers) if not (isinstance(offer, Family) and offer.generic))
     found = tuple(c for offer in named for c in instances(offer, mechanism, states))

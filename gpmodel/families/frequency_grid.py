@@ -60,7 +60,7 @@ def frequency_grid(
 ) -> FrequencyGrid | None:
     """Return a grid of frequencies for a harmonic `wave` with a symbol, from span[0] to span[1], rad per rad or metre.
 
-    The result is None if the travel is too short to resolve two rates of the range.
+    None is returned if the joint's travel is too short to resolve two rates of the range.
 
     travel: lowest coordinate of the joint, and its range, rad or m.
     value, load: as in `FrequencyGrid`.

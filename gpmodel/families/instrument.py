@@ -201,10 +201,10 @@ def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Ite
 
 
 def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) -> Iterator[Candidate]:
-    """Yield a random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t).
+    """Yield a random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), t from 0 to 1.
 
-    The prior standard deviation of wave k falls as 1/(k - 1/2). Each wave has its mean 1/((k - 1/2) π) subtracted, so
-    that the registration is the mean position of the instrument.
+    The prior standard deviation of wave k falls as 1/(k - 1/2). Wave k has its mean 1/((k - 1/2) π) subtracted, so that
+    the registration is the mean position of the instrument.
     """
     rows = states.past.columns["row"] if states.past else states["row"]
     if len(rows) < 4 * waves or states.seen is None:

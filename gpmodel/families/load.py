@@ -140,7 +140,7 @@ N·m (Dumas 2011)."""
 
 SECOND = 5.0
 """Additional penalty of wrong masses, and of hardening, over that of a compliance, nats: the least gain of a finding,
-because each of them is a second finding."""
+because either is a second finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -238,7 +238,7 @@ def mass_at_tool(
     """Return the displacement, m and rad per kg, that additional mass at the tool causes by a model's compliances.
 
     effects, theta: effects of the model and their values. com: centre of the mass in the measured frame, m; None for
-    the payload's. The result is None without a compliance or without known masses.
+    the payload's. A model without a compliance or known masses gives None.
     """
     loads, mass, terms = _unit_loads(states), _mass(mechanism, com), []
     for effect, value in zip(effects, theta.tolist(), strict=True):
@@ -254,7 +254,7 @@ def moments_at_tool(
 ) -> tuple[Effect, ...]:
     """Return the displacements, m and rad per kg m, that first moments of mass along x, y, z of the tool cause.
 
-    The arguments are those of `mass_at_tool`. Without a compliance or known masses the result is empty.
+    Arguments are described in `mass_at_tool`. Without a compliance or known masses the result is empty.
     """
     made = [mass_at_tool(mechanism, states, effects, theta, point) for point in (np.zeros(3), *np.eye(3))]
     start, *ends = [effect.terms if effect else () for effect in made]

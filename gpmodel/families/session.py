@@ -178,7 +178,7 @@ def _shortest(states: States, span: float) -> float:
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield warm-up effects exp(-t/τ) of joint zeros, base and links, for several time constants τ."""
+    """Yield warm-up effects exp(-t/τ) at time t of joint zeros, base and links, for several time constants τ."""
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" or start == 0 else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")

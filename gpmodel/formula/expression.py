@@ -102,7 +102,7 @@ class _Reader:
         self.names: dict[str, int] = {}
 
     def read(self, node: ast.expr) -> int:
-        """Parse a part of the text and return the number of the program's node that computes it."""
+        """Parse a part of the text and return the number of the program's node that computes this part."""
         match node:
             case ast.Constant(value=str() as name):
                 return self.builder.input(name)
@@ -181,7 +181,7 @@ class Expression:
     """A basis function written as text, such as `sin(2*J4)`: a program of one output over state columns.
 
     `gpmodel.formula.expression.parse` states the syntax, `gpmodel.formula.operators` the functions. Raises InputError
-    for an invalid text. The text is parsed, never executed.
+    for an invalid text. The text of a formula is parsed, never executed.
     """
 
     text: str
@@ -227,7 +227,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """Return the program of a text. The result is cached, because each round writes thousands of candidates again."""
+    """Return the program of a text. Programs are cached, because each round writes thousands of candidates again."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values; expected one, for example sin(2*J4)")

@@ -63,7 +63,7 @@ def as_in_latex(program: Program) -> Program:
 def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
     """Return parts and outputs of a program with numbers rounded to DIGITS significant digits.
 
-    The last result is cached for `as_in_latex`, which follows `latex`.
+    The last rounded program is cached for `as_in_latex`, which follows `latex`.
     """
 
     def rounded(expression: sympy.Expr) -> sympy.Expr:

@@ -275,7 +275,7 @@ Build = Callable[[Builder, Node, list[int]], int]
 LINEAR = ("add", "subtract", "multiply", "divide")
 CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
 NESTED = 2
-"""Additional length of a function of a function, in nodes. With this addition, the search for 40 random formulas of
+"""Additional length of a function of a function, in nodes. With an addition of 2, the search for 40 random formulas of
 two inputs found two better formulas and none worse. If squares, absolute values and limits of functions count, too, two
 of the 20 formulas of the bench are better (1.92 to 1.49, 1.29 to 1.09) and one is worse (1.12 to 1.17)."""
 

@@ -59,6 +59,6 @@ def deviations(told: Sequence[BlockInformation], machines: int) -> Deviations:
 def normal_score(z: float, chance: float) -> float:
     """Convert a corrected p-value to the equally improbable number of standard deviations of a normal distribution.
 
-    The converted number has the sign of z. The number is small for machines that are no outliers.
+    The converted number has the sign of z. The score is small for machines that are no outliers.
     """
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))

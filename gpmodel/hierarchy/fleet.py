@@ -51,8 +51,8 @@ def type_prior(
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
-    The geometry keeps its redundant constants. Machines differ independently in all constants; a model without the
-    redundant constants would have correlated differences.
+    The geometry of each machine keeps its redundant constants. Machines differ independently in all constants; a model
+    without the redundant constants would have correlated differences.
     """
     constant = np.array([e.constant for e in effects])
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])

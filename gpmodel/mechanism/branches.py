@@ -123,7 +123,7 @@ class Branched(Protocol):
 
     @property
     def tips(self) -> Mapping[str, str]:
-        """{measured link: frame (slot) that carries the link}. The first link is the default."""
+        """{measured link: frame (slot) that carries the link}. The first measured link is the default."""
 
     def alone(self, tip: str) -> Mechanism:
         """Return the chain that ends at the measured link `tip` as a mechanism. The frames (slots) of the chain keep
@@ -147,8 +147,8 @@ def mounting_slots(tree: Branched) -> list[int]:
 
 
 def moves_with(mechanism: Mechanism) -> Mask:
-    """Return a mask (slots, slots): True if an error at one slot moves the frame of the other, a later slot of its
-    chain or the slot itself."""
+    """Return a mask (slots, slots): True if an error at the first slot moves the frame of the second, a later slot of
+    the first one's chain or the slot itself."""
     tree, count = branched(mechanism), len(mechanism.slots)
     if tree is None:
         return np.triu(np.ones((count, count), dtype=bool))

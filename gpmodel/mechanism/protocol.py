@@ -23,7 +23,7 @@ LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixel
 
 
 def checked(value: float, dimension: str, where: str) -> float:
-    """Return a value in SI units. Raises InputError naming `where` if it is beyond LARGEST or not a number."""
+    """Return a value in SI units. Raises InputError naming `where` if the value is beyond LARGEST or not a number."""
     if not abs(value) <= LARGEST[dimension]:
         most = f"{LARGEST[dimension]:g} {SI[dimension]}"
         raise InputError(f"{where}: {value:g} {SI[dimension]}; expected at most {most}, the unit may be wrong")
@@ -31,7 +31,7 @@ def checked(value: float, dimension: str, where: str) -> float:
 
 
 def checked_mass(mass: float, where: str, argument: str = "") -> float:
-    """Return a mass, kg. Raises InputError naming `where` if it is negative, beyond LARGEST or not a number."""
+    """Return a mass, kg. Raises InputError naming `where` if the mass is negative, beyond LARGEST or not a number."""
     if not 0.0 <= mass <= LARGEST["mass"]:
         message = f"{where}: " if where else ""
         raise InputError(f"{message}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
@@ -84,7 +84,7 @@ class Mechanism(Protocol):
     def transforms(self, q: Array) -> Array:
         """Return the nominal transforms (slots, poses, 4, 4), m, of each slot in the frame of the previous slot.
 
-        The first transform is in the root frame. q: joint values (poses, joints) of the table, rad and m.
+        The first slot's transform is in the root frame. q: joint values (poses, joints) of the table, rad and m.
         """
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
@@ -95,10 +95,10 @@ class Mechanism(Protocol):
         positive upwards, a payload on a horizontal arm gives a negative torque. A compliant joint moves by compliance
         times torque.
 
-        force_J2_x .. moment_J2_z (N, Nm): wrench of the weight of everything beyond J2 at the origin of J2.moving, in
-        its axes. force_base_x .. moment_base_z: wrench of the weight of the whole mechanism, in the frame of the base.
+        force_J2_x .. moment_J2_z (N, Nm): wrench of the weight of everything beyond J2, in the frame J2.moving.
+        force_base_x .. moment_base_z: wrench of the weight of the whole mechanism, in the frame of the base.
 
-        Names contain the names of the joints. payload: mass at the tool at each pose, kg. The result is empty if no
+        Names contain the names of the joints. payload: mass at the tool at each pose, kg. No loads are returned if no
         masses are known and the payload is zero.
         """
 

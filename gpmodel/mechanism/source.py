@@ -92,7 +92,7 @@ class MechanismChoice:
             checked_mass(self.payload, "", "payload")
 
     def load(self) -> "LoadedMechanism":
-        """Load the chosen mechanism. Raises InputError if it is unknown or its file is invalid."""
+        """Load the chosen mechanism. Raises InputError if the mechanism is unknown or its file is invalid."""
         name, choice = self.name, self
         if self.description:
             name = str(_unpacked(self.name, self.description))

@@ -53,7 +53,7 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     """Fit Student's t distributions to values with mean zero.
 
     For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood of the values is found.
-    The variance of s is s² (f + 3) / (2 f count).
+    The variance of the scale s is s² (f + 3) / (2 f count).
     count: number of independent values to which the sample is equivalent.
     blur: variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
     The added error is normal, as a sum of many terms.
@@ -135,8 +135,8 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 
 SIGNIFICANCE = 0.01
-"""Significance level of a test, after correction for the number of tests. The acceptance rule of findings also uses
-this significance level."""
+"""Significance level of a test, after correction for the number of tests. The acceptance rule of findings has an equal
+significance level."""
 
 
 def holm(chances: Array) -> Array:

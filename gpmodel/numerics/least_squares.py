@@ -27,7 +27,7 @@ OUTLIER_SIGMAS = 6.0
 normal errors."""
 
 OUTLIER_SHARE = 0.15
-"""Largest share of poses that a fit excludes as outliers. If more poses deviate, the model is wrong."""
+"""Largest share of poses that a fit excludes as outliers. If more poses deviate from a model, the model is wrong."""
 
 SMALLEST_SPREAD = 1e-9
 """Smallest spread of errors, m, for the outlier limit. Tables without noise have no outliers."""
@@ -116,7 +116,7 @@ def root_mean_square(values: Array) -> float:
 
 
 REGULAR = 1e-13
-"""Least eigenvalue of the normal matrix of unit columns, relative to the largest. Eigenvalues below it are rounding
+"""Least eigenvalue of the normal matrix of unit columns, relative to the largest. Smaller eigenvalues are rounding
 errors."""
 
 INSIDE = 1e-6
@@ -197,7 +197,7 @@ class Omitted:
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """Return residuals of the omitted rows in a fit without them. values: residuals in the fit to all rows."""
+        """Return residuals of the omitted rows in a fit to the other rows. values: residuals in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

@@ -33,7 +33,7 @@ def remove(basis: Array, columns: Array) -> Array:
 def factored(gram: Array) -> tuple[Array, bool]:
     """Return the Cholesky factor of the normal matrix of unit columns, for scipy's cho_solve.
 
-    The input matrix is overwritten. The matrix is passed transposed, since LAPACK stores matrices column by column.
+    The input matrix `gram` is overwritten. The matrix is passed transposed, since LAPACK stores matrices by column.
     """
     gram[np.diag_indices_from(gram)] += 1e-12
     factor: tuple[Array, bool] = linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
@@ -55,7 +55,7 @@ class Span:
 
     @classmethod
     def of(cls, columns: Array, with_prior: Mask, gram: Array) -> "Span":
-        """Build the span of unit columns.
+        """Build the span of columns of unit length.
 
         The rank of the columns without priors is decided by SVD; columns with priors are all kept and factored by
         Cholesky.

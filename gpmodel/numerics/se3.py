@@ -144,7 +144,7 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def without_registration(points: Array, columns: Array) -> Array:
-    """Project a common translation and rotation of points out of their displacements by parameters.
+    """Project a common translation and rotation of points out of the points' displacements by parameters.
 
     The projected displacement is minus the derivative of the residual of `fit_rotation` with respect to the parameters,
     without a term that is proportional to the residual. Source: Kaufman (1975), variable projection.

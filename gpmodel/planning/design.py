@@ -314,7 +314,7 @@ def deviations(questions: Sequence[Design], order: IntArray) -> Array:
 def decided_after(question: Design, order: IntArray, odds: float) -> int | None:
     """Return the number of poses of `order` after which the true one of two causes has the probability COVERAGE.
 
-    The result holds with probability COVERAGE, whichever cause is true. The result is None if the poses do not suffice.
+    The number holds with probability COVERAGE, whichever cause is true, and is None if the poses do not suffice.
     odds: present ratio of the probabilities of the two causes.
     The inverse s of the predicted standard deviation is the distance of the causes in standard errors, s₀ at present.
     Poses add ln odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst. Condition: d²/2 - z d ≥

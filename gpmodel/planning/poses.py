@@ -28,9 +28,9 @@ CLOSE = 0.01
 def least_deviation(questions: Sequence[Design], count: int) -> float:
     """Return a lower bound of the largest standard deviation of the design problems, over all choices of `count` poses.
 
-    The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance. A selection of
-    n poses is a measure of mass n over the pool. The variance is convex in the information matrix, so that the tangent
-    at any measure is a lower bound for every selection; at the best measure the bound is nearly reached.
+    The lower bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance. A
+    selection of n poses is a measure of mass n over the pool. The variance is convex in the information matrix, so that
+    the tangent at any measure is a lower bound for every selection; at the best measure the bound is nearly reached.
     Sources: Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
     """
     return max(_least(question, count) for question in questions)

@@ -4,7 +4,7 @@
 
 L is the objective of the selection: log marginal likelihood minus penalty, nats. The other groups are re-estimated
 given h, and groups made superfluous by h are deleted. Candidates that differ only in constants inside their basis
-functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because
+functions, such as a time constant, are one cause. A joint group of several sites with the group g is no cause, because
 a joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang
 (2020), sum of single effects; Raftery (1997), averaging over models near the best model.
 """

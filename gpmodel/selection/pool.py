@@ -21,7 +21,7 @@ Site = tuple[str, str]
 class Rows:
     """Measured rows of the linear problem, whitened, with the columns of registration and tool projected out.
 
-    An effect's column is its rows' sensitivity to a unit twist at its site, times its basis function of the pose.
+    The column of an effect is the sensitivity of rows to a unit twist at the effect's site, times the basis function.
     """
 
     def __init__(

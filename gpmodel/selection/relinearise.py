@@ -78,7 +78,7 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """Mark the poses with an error within `sigmas` robust standard deviations; at most OUTLIER_SHARE are unmarked.
+    """Mark the poses with an error within `sigmas` robust deviations; at most the share OUTLIER_SHARE is unmarked.
 
     error: error of each pose, m. use: mask of the poses that count for the median error.
     """

@@ -107,7 +107,7 @@ def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     """Return the inputs of effects at some poses, with the predicted point in the frame of the instrument.
 
-    The measured point itself is no input: it contains noise, and effects of the point could absorb the arm's lengths.
+    The measured point itself is no input: the point contains noise, and its effects could absorb the arm's lengths.
     """
     there = resolved(calibration, poses)
     observed = observe(calibration.model, there, calibration.theta, calibration.placement)

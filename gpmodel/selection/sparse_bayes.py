@@ -31,7 +31,7 @@ SWEEPS = 30
 FREE = 1e4
 """Factor on the prior variance of a group of few coefficients, with which the prior has no influence."""
 SHORT_LIST = 100
-"""Number of best groups of a full scan that are scored again, until none of them has a net gain."""
+"""Number of best groups of a full scan that are scored again, until no group of the list has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
 """TOGETHER: number of best groups whose gains must reach shares BEGIN, then GO_ON, of the utility lost by a removal.
 Two groups that share nothing gain little until the first is in the model and reduces the noise: a twentieth of the loss
@@ -201,7 +201,7 @@ def named_by_site(model: Active) -> Active:
 
 
 def _together(net: Array) -> float:
-    """Return the sum of the largest net gains of TOGETHER groups of effects, nats."""
+    """Return the sum of the largest net gains of groups of effects, nats; `TOGETHER` is the number of summands."""
     return float(np.sort(net)[-TOGETHER:].clip(0.0).sum())
 
 

@@ -119,9 +119,9 @@ def compensator_fitness(
 ) -> None:
     """Fill ``fitness`` with the largest or the summed squared distance of three outputs from measured points.
 
-    The smallest fitness is the best. A program gets an infinite fitness, and runs on no further block of poses, once
-    the fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of ``rows`` is
-    scratch space for the squares.
+    The program of smallest fitness is the best. A program gets an infinite fitness, and runs on no further block of
+    poses, once the fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of
+    ``rows`` is scratch space for the squares.
     """
     base, poses = fixed.shape
     block = rows.shape[1]

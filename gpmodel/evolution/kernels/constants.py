@@ -15,7 +15,7 @@ TRIALS = 4
 @compiled
 def solve(normal: Array, sizes: Array, count: int) -> bool:
     """Solve symmetric normal equations in place by Gauss-Jordan elimination; return False for singular equations. The
-    right side of the equations is column ``count``. sizes: scratch space for the original diagonal."""
+    right side is column ``count`` of ``normal``. sizes: scratch space for the original diagonal."""
     for k in range(count):
         sizes[k] = normal[k, k]
     for k in range(count):

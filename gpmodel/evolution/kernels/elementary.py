@@ -2,8 +2,8 @@
 
 Polynomials are near minimax (interpolated at Chebyshev points, 40 digits), with an error below a tenth of the rounding
 error. Sine, cosine and tangent reduce the angle by multiples of pi in two parts, the first short enough for an exact
-product. The elementary functions are accurate to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the
-library's functions.
+product. The elementary functions are accurate to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond, callers use the
+functions of ``math``.
 """
 
 import math
@@ -15,7 +15,7 @@ from gpmodel.evolution.kernels.compiler import of_a_number
 ANGLE_LIMIT = 1e5
 
 _NEAREST = 6755399441055744.0
-"""The number 1.5 * 2^52; adding it to x rounds x to an integer, in the lowest bits."""
+"""The number 1.5 * 2^52; its addition to x rounds x to an integer, in the lowest bits of the sum."""
 
 _INVERSE_PI = 1.0 / math.pi
 _PI_HIGH = 3.1415926534682512

@@ -110,8 +110,8 @@ def decode_sequence(
     """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
     The cell of an instruction's operand is a register, or a cell with the index of a row of values. The last
-    ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space, with the
-    row numbers after the registers and one further cell.
+    ``constants`` rows are the program's constants; constants in use become the first words. cells: scratch space, with
+    the row numbers after the registers and one further cell.
     """
     count, start, base = 0, tables.start, tables.base
     own = len(start) + base
