@@ -27,6 +27,11 @@ LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 
 AXES = 6
 """Number of robot axes in RAPID and KRL programs; further axes are external axes."""
+OWN_SIGNS = (
+    "CAUTION: joint values have the signs, zeros and couplings of the description. If import changed",
+    "columns (J1 = 0 - c2 in .map.toml), undo the changes before a controller runs this program.",
+)
+"""Head lines of a program on the convention of its joint values."""
 NAME = 24
 """Number of characters of the longest name in KRL. RAPID allows names of 32 characters."""
 
@@ -43,7 +48,8 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
         raise InputError(f"none of the {len(q)} targets has corrected joint values; expected at least one")
     name = re.sub(r"\W", "_", name, flags=re.ASCII)[:NAME]
     name = name if name[:1].isalpha() else f"p_{name}"[:NAME]
-    notes = [harmless(line) for line in (f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status))]
+    made = f"Corrected by gpmodel for {mechanism.name}."
+    notes = [harmless(line) for line in (made, *OWN_SIGNS, *_said(there, status))]
     write = _rapid if language == "RAPID" else _krl
     frames = se3.chain(mechanism.transforms(q[there]))[-1]
     scales = np.array([1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in mechanism.joints])
