@@ -53,7 +53,7 @@ class Cluster:
 
 
 def _answering(connect: Callable[[], "Client"]) -> "Client":
-    """Return the client that `connect` makes, waiting at most 2 PATIENCE seconds.
+    """Return the dask client that `connect` makes, waiting at most 20 seconds.
 
     Raises TimeoutError without an answer: dask sets no limit on the handshake of a client.
     """
@@ -77,10 +77,10 @@ def _answering(connect: Callable[[], "Client"]) -> "Client":
 
 @contextmanager
 def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
-    """Yield the workers that an address names.
+    """Yield the workers (processes) that an address names.
 
-    None: copies of this process. `tcp://host:8786`: a running dask scheduler. `local:2`: two new dask processes.
-    Raises InputError if dask is not installed or no scheduler answers.
+    The address None names copies of this process. `tcp://host:8786`: a running dask scheduler. `local:2`: two new dask
+    processes. Raises InputError if dask is not installed or no scheduler answers.
     """
     if address is None:
         yield Forks(workers)

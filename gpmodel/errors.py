@@ -9,7 +9,7 @@ LONGEST = 1000
 QUOTED = 60
 """Largest number of characters of a quoted text in an error message; a longer text is cut."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
-"""Pattern of a quoted text longer than QUOTED. The pattern skips the text between two short quoted texts."""
+"""Pattern of a quoted text longer than 60 characters. The pattern skips the text between two short quoted texts."""
 
 LISTED, NEAREST = 6, 3
 """Largest number of names that an error message lists in full, and number of similar names listed otherwise."""
@@ -57,7 +57,7 @@ class LayoutError(InputError):
 
 
 class OpenLoopsError(InputError):
-    """Joint values, with the errors of a mechanism, at which its closed loops do not meet.
+    """Error: joint values at which the closed loops of a mechanism, with its errors, do not meet.
 
     gap: frames that do not meet. pose: number of the pose. where: file and row; by default the number of the pose.
     """
@@ -68,4 +68,4 @@ class OpenLoopsError(InputError):
 
 
 class WriteError(InputError):
-    """File that cannot be written: full disk or missing permission."""
+    """Error: a file that cannot be written, for example on a full disk or without permission."""

@@ -62,7 +62,7 @@ def cores() -> int:
 class Threads:
     """Workers that are threads of this process. workers: number of threads, 0 for one per core.
 
-    Compiled loops and linear algebra run in parallel; Python code does not.
+    Compiled loops and linear algebra run in parallel; Python code does not run in parallel.
     """
 
     workers: int = 0
@@ -94,7 +94,7 @@ def lost_replaced(
     """Yield number and result of tasks as they finish; open a new process pool if a process is lost.
 
     call: function called once in this process while the tasks run.
-    Raises BrokenProcessPool after ATTEMPTS losses without a result between them.
+    Raises BrokenProcessPool after three losses of processes without a result in between.
     """
     left, lost, once = dict(enumerate(tasks)), 0, iter([call] if call else [])
     while left:
@@ -148,7 +148,7 @@ def _as_finished(
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
-    """Let threads switch every `SWITCH` seconds, and restore the former interval afterwards."""
+    """Let threads switch every 0.1 ms (SWITCH), and restore the former interval afterwards."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(SWITCH, before))
     try:
@@ -167,7 +167,7 @@ class Forks:
     A copy inherits all loaded modules and data; only results are pickled. A task with a result that cannot be pickled
     runs again in this process.
     Threads replace copies on Windows and macOS, after `multiprocessing.set_start_method` with a method other than fork,
-    and while other threads run, because a thread may hold a lock during the fork. A fork runs its own tasks one by one.
+    and while other threads run, because a thread may hold a lock during the fork. A copy runs its own tasks one by one.
     """
 
     workers: int = 0

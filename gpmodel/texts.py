@@ -48,7 +48,7 @@ def read_text(path: Path, largest: int, expected: str) -> str:
 
 SEAL = "sha256"
 LARGEST_TOML = 1 << 20
-"""Largest size of a TOML file, bytes. A description of an arm has a few thousand."""
+"""Largest size of a TOML file, bytes. An arm's description has a few thousand bytes."""
 LARGEST_INTEGER = 2**63
 """Largest accepted integer in TOML. Python reads integers of hundreds of digits, which no float can hold."""
 
@@ -120,7 +120,7 @@ def _finite(text: str) -> float:
 
 
 def toml_text(content: Mapping[str, object], path: str = "") -> str:
-    """Write nested tables as TOML. Values are texts, numbers and lists."""
+    """Write nested tables as TOML. Values may be texts, numbers and lists."""
     own = [f"{key} = {json.dumps(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
     lines = [f"[{path}]", *own, ""] if path and own else own
     parts = [toml_text(v, f"{path}.{k}" if path else k) for k, v in content.items() if isinstance(v, Mapping)]

@@ -21,7 +21,7 @@ _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
 def wrapped(text: str, indent: int = 4, first: str | None = None) -> str:
-    """Break a text into indented lines of at most WIDTH characters. A number is never separated from its ± and %.
+    """Break a text into indented lines of at most 80 characters. A number is never separated from its ± and %.
 
     first: beginning of the first line in place of the indentation.
     """

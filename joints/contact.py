@@ -172,7 +172,7 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
 
     Semi-axes c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), approach delta = lambda (2 F^2/(3 Re E*^2))^(1/3); force F,
     equivalent radius Re, contact modulus E*. The thesis enters a major radius of 1e6 m for both balls, which makes them
-    parallel cylinders (0.50 um); with equal radii the formulas give 4.5 um, as `hertz` does. Stiffness is F/delta.
+    parallel cylinders (0.50 um); with equal radii the formulas give 4.5 um, as `hertz` does. The stiffness is F/delta.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)

@@ -17,7 +17,7 @@ from joints.settings import not_negative, positive, require
 SPAN = (0.01, 20.0)
 """Range of frequencies searched for resonance and bandwidth, relative to the ball's natural frequency."""
 STEPS = 400
-"""Number of frequencies in the range SPAN, 2 % apart. The frequency of the largest response is refined afterwards."""
+"""Number of searched frequencies, 2 % apart (SPAN). The frequency of the largest response is refined afterwards."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,8 @@ class ResponseFit:
 def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike) -> ResponseFit:
     """Fit stiffness k, mass m and resistance s to a measured receptance H (frequencies,), complex [m/N].
 
-    At the angular frequency w the inverse receptance 1/H = k - m w^2 + s Z is linear in k, m and s. Weights |H| make
-    the errors relative.
+    At the angular frequency w the inverse receptance 1/H = k - m w^2 + s Z is linear in k, m and s. The fit weighs 1/H
+    by |H|, so that its errors are relative.
     impedance: impedance Z (frequencies,) [N/m]. If Z = i w (plain damper), the unit of s is N s/m.
     Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
@@ -245,7 +245,7 @@ def steady_state(
 
 
 def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
-    """Return the friction force [N] at each instant, by Douglas-Rachford splitting; InputError if it does not converge.
+    """Return the friction force [N] at each instant, by Douglas-Rachford splitting; InputError without convergence.
     Speed of the ball: mobility (instants, instants) times the difference of driving force `pushed` and friction."""
     sizes = np.linalg.svd(mobility, compute_uv=False)
     scale = 1.0 / np.sqrt(sizes[0] * sizes[-1])

@@ -56,8 +56,8 @@ class FilmGeometry:
     @property
     def socket_length(self) -> float:
         """Width eta r (alpha - phi) [m] of the equivalent flat pad (32.2 mm in the thesis) of a ball of radius r, from
-        the orifices at polar angle phi to the socket's edge at alpha, with eta = sqrt(4 alpha / pi). In the
-        thesis, Fig 4.10 prints phi - alpha."""
+        the orifices at polar angle phi to the socket's edge at alpha, with eta = sqrt(4 alpha / pi). In the thesis, Fig
+        4.10 prints phi - alpha in place of alpha - phi."""
         return self._arc_factor * self.ball_radius * (self.socket_angle - self.orifice_angle)
 
     @property
@@ -186,8 +186,8 @@ class Film:
 
 @dataclass(frozen=True)
 class FilmDesign(Film):
-    """The design guide of Fig 4.13. resistance_ratio: flow resistance of one orifice over the resistance of the
-    film."""
+    """The air film's design guide of Fig 4.13 (Robertson 2003). resistance_ratio: flow resistance of one orifice over
+    the resistance of the film."""
 
     gap: Array
     orifice_drop: Array

@@ -25,7 +25,7 @@ from joints.settings import Settings, positive, require
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hexapod(SixLegged):
-    """A hexapod: a platform on six legs with a ball joint at either end; Newton's method closes its loops.
+    """A hexapod: a platform on six legs with a ball joint at either end; Newton's method closes the loops of the legs.
     limits: shortest and longest length of a leg, m."""
 
     axial: ClassVar[str] = "torque_L{i}"

@@ -91,8 +91,8 @@ def unit(vectors: Array) -> Array:
 
 
 def axes_along(directions: Array) -> Array:
-    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). A unit
-    vector along -z is not allowed."""
+    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). A unit vector
+    along -z has no smallest rotation and is not allowed."""
     v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
     turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)
     return np.eye(3) + turn + turn @ turn / (1.0 + directions[..., 2])[..., None, None]
@@ -109,8 +109,8 @@ def adjoint(frame: Array) -> Array:
 
 LEGS = 6
 WEAKEST = 1e-3
-"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. Below the value
-WEAKEST the legs do not hold the platform; two similar hexagons have the value zero."""
+"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. With a smaller
+singular value the legs do not hold the platform; two similar hexagons have the value zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

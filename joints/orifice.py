@@ -79,7 +79,7 @@ class NozzleOrifice:
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
         """Return the inlet pressure [Pa] that drives `flow`, by bisection between zero flow and choked flow. The flow
-        grows with the inlet pressure."""
+        grows with inlet pressure, so bisection converges."""
         target, socket_pressure = np.broadcast_arrays(
             not_negative("flow", flow, "m^3/s"), not_negative("socket pressure", socket, "Pa")
         )

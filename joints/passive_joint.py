@@ -190,8 +190,8 @@ def parameter(index: int) -> Parameter:
 def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> Array:
     """Return positions (..., 3) of the tooling ball, m, in the measurement system by the extended forward kinematics.
 
-    q: joint angles (..., 3), rad. parameters: errors (..., 30) in the order of THESIS_PARAMETERS, m and rad.
-    tooling_ball: centre (3,) of the ball in the frame after the yaw rotation, m. Leading array shapes broadcast.
+    q: joint angles (..., 3), rad. parameters: the thirty errors (..., 30) in the order of Table 3.2, m and rad.
+    tooling_ball: centre (3,) of the ball in the frame after the yaw rotation, m. Leading array axes broadcast.
 
         T = Tm_Ts · Ts_Tbr(q1) · Tbr_Tbp(q2) · Tbp_Tby(q3) · Tby_TCP
         T_k = Trans(Tx, Ty, Tz) · Rx(Rx + q1) · Ry(Ry + q2) · Rz(Rz + q3)
@@ -210,7 +210,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
 
 
 KINDS = ("spherical", "universal")
-"""Kinds of a single joint. The machines `hexapod` and `tau` of joints.hexapod have twelve joints."""
+"""Kinds of joints that are a mechanism alone. The machines `hexapod` and `tau` of joints.hexapod have twelve joints."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """Sections of a TOML file for `gpmodel joint design`."""

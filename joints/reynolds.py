@@ -50,7 +50,7 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
     ring.
 
     Pressure drop per flow of one hole: (6 mu / (pi h^3)) ln(ring radius / (N hole radius)), gap h over the holes (log
-    potentials of N equal sources on a circle). The resistance changes the inlet pressure. Holes in place
+    potentials of N equal sources on a circle). The extra resistance raises the inlet pressure. Holes in place
     of an evenly spread feed leave the load unchanged if the gap is constant around the axis.
     """
     gap = film_gap(geometry, displacement, geometry.orifice_angle)
@@ -185,7 +185,7 @@ def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
 
 
 CELLS = 800
-"""Number of cells of the arc from the pole to the edge. Twice as many change the stiffness by 1e-5."""
+"""Number of cells of the arc from the pole to the edge. With twice as many cells the stiffness changes by 1e-5."""
 
 
 def lateral_stiffness(geometry: FilmGeometry, film: Film, orifice: Orifice | None = None, cells: int = CELLS) -> Array:
@@ -312,7 +312,7 @@ class FedFilm:
 
 def decay_per_cycle(root: complex) -> float:
     """Return the ratio of the amplitudes after and before one cycle of a vibration with eigenvalue `root` [1/s]. The
-    logarithm of the ratio is at most STEEPEST."""
+    logarithm of the amplitude ratio is at most 50."""
     rate = 2 * np.pi * root.real / max(root.imag, abs(root) / STEEPEST)
     return float(np.exp(np.clip(rate, -STEEPEST, STEEPEST)))
 

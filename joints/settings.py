@@ -132,7 +132,7 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
-    """Return the columns of the data file that the table [measured] names; None if it names no file. The name of the
+    """Return the columns of the data file that the table [measured] names; None without a file name. The name of the
     data file is relative to the TOML file at `path`."""
     return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
 

@@ -200,7 +200,7 @@ class SerialChain(Chain):
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Several arms of one tree of links. Joints that move several arms belong to the chains of all of them.
+    """Several arms of a robot in one tree of links. Joints that move several arms belong to the chains of all of them.
 
     Order of the slots: slots of the first chain without its tool, further slots of the other chains with FRAME.tool at
     the end of each chain, and `tool` of the first chain.
@@ -266,8 +266,8 @@ class Branches:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on every joint and on the base, named as in SerialChain.loads.
 
-        A joint bears the weight of all parts beyond the joint; tools of several arms carry no payload. Loads are linear
-        in the masses. The mass of a shared link counts in the first chain that contains the link.
+        A joint bears the weight of all parts beyond the joint; tools of several arms carry no payload. Gravity loads
+        are linear in the masses. The mass of a shared link counts in the first chain that contains the link.
         """
         out = dict[str, Array]()
         for chain in self._weighed_once:

@@ -63,7 +63,7 @@ ALWAYS = 0.95
 
 PROBES = 200
 CLEARANCE = 0.01
-"""Least distance between parts of an arm, m. Reflector nest and cables are not in the URDF."""
+"""Least distance between parts of an arm, m. The clearance allows for reflector nest and cables, which a URDF lacks."""
 
 BEAM = 0.02
 """Radius of the laser beam and of the reflector at its end, m: the radius of a 1.5 inch reflector."""

@@ -58,7 +58,7 @@ from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:
-    """Return True if a TOML file has a key `kind`, so that another loader reads the file; False if unreadable."""
+    """Return True if a TOML file has a key `kind`, so that another loader reads it; False for an unreadable file."""
     try:
         return "kind" in read_toml(path, "a mechanism")
     except InputError:

@@ -38,7 +38,7 @@ class Link:
     name: name of the joint that moves the link.
     placement: pose (4, 4), m, of the frame before the motion, in the frame after the preceding motion (for the first
     motion, in the root frame).
-    axis: coordinate axis about or along which the link moves, one of gpmodel.mechanism.protocol.AXES.
+    axis: coordinate axis about or along which the link moves, "Tx" to "Tz" or "Rx" to "Rz".
     mass: mass of the link, kg. com: centre of mass (3,), m, in the frame after the motion.
     alignment: pose (4, 4) of the frame after the motion, in the frame of the part in the source description.
     offset: constant part of the motion, rad or m, which is included in placement.
@@ -58,7 +58,7 @@ class Chain:
     """Links driven by joint coordinates q: motions of the links = coupling @ q.
 
     coupling: matrix (links, joints), the identity for an arm with one motor per joint. A reversed axis, a parallel bar
-    or a mimic joint has other entries.
+    or a mimic joint adds other entries.
     tool: pose (4, 4) of the measured frame `tool_frame` in the frame after the last motion, m.
     gravity: acceleration of gravity (3,), m/s², in the root frame.
     payload_com: centre of mass (3,) of the payload in the measured frame, m.

@@ -69,8 +69,8 @@ def default_frame(tree: UrdfTree) -> str:
     """Return the link that is measured by default: the last link of the arm with the most revolute joints.
 
     Fingers do not belong to the arm: the arm ends where a chain of at least ARM_DEPTH joints splits into equally long
-    branches of at most FINGER_DEPTH joints. If several last links are fixed to one part, `tool0` is preferred, then the
-    first link in the file.
+    branches (fingers) of at most FINGER_DEPTH joints. If several last links are fixed to one part, `tool0` is
+    preferred, then the first link in the file.
     """
 
     def most_turns(joint: UrdfJoint) -> int:
@@ -165,7 +165,7 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
     """Return mass [kg] and centre of mass (3,) [m] of all parts between a joint and the next joint of any chain. The
-    centre of mass is in the frame of the joint's child link. Joints that are not in a chain are at rest."""
+    centre of mass is in the frame of the joint's child link. Joints outside all chains are at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:

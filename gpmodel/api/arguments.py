@@ -210,7 +210,7 @@ def load_mechanism(
 
     source: built-in name (`irb6400r`, `ur5`, `spherical-joint`), .urdf file, or .toml file of DH rows or of a joint.
     payload: mass at the tool in every row of the table, "60 kg" or a number in kg.
-    frame: name of the measured link; None for the last link.
+    frame: name of the measured link; None for the chain's last link.
     payload_com: centre of mass of the payload, "0,0,120mm" or (3,) m in the measured frame; None for the tool point,
     which every calibration determines.
     Raises InputError for an unknown name, an invalid file, or a missing unit.

@@ -105,7 +105,7 @@ def calibrate(
     mechanism, table: objects, or names and paths. effects: names in the catalogue ("base_compliance", "gear_harmonic
     J4"), expressions ("slot:axis:expression"), or Effect objects.
     standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: largest ratio of singular
-    values of fitted constants; None: cross-validated.
+    values of fitted constants; None for a cross-validated limit.
     holdout: share of the poses excluded from all but the final fit; 0 for none. seed: random seed of held-out poses.
     instrument: specification of the instrument, "15um + 6um/m": largest error of a coordinate.
     fleet: fleet.json of a fleet, or the record of a `FleetResult`; its prior replaces the standard model.

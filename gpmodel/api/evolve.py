@@ -264,7 +264,7 @@ def evolve(
     training poses. With None, programs are evolved on the residual of the standard model.
     effects: named effects of the model, as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
-    strategies: representations of programs, Linear and Tree; None for the defaults of the space.
+    strategies: representations of programs, Linear and Tree; None for the default representations of the space.
     runs: number of runs of each representation.
     population, generations, seconds: size and time limit of one run; None for the defaults (65536 sequences, 8192
     trees; 1024 and 512 at a slot; 100 generations).

@@ -184,7 +184,7 @@ def fleet(
     tables: a folder with one table per machine, or tables by serial number.
     effects: as in `calibrate`; () for the geometry alone; None to select effects of the type, then of single machines.
     holdout: held-out share of the poses of each machine; 0 for none. seed: random seed of held-out poses.
-    workers: number of processes, 0 for one per core. executor: runs the searches. Workers do not affect results.
+    workers: number of processes, 0 for one per core. executor: runs the searches. Results do not depend on workers.
     journal: file for the findings of each machine, so that an interrupted call can continue.
     progress: function called with progress messages. command: command line, recorded in fleet.json.
     A single machine is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are

@@ -178,11 +178,11 @@ class Model(Shown):
         without the effects that the file format cannot express. NumPy and C99 source contain the whole model, LaTeX its
         equations, and a grid file joint corrections.
         box: limits of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m.
-        The default is the largest cube about a measured pose near the middle in which every node is reached and
+        The default box is the largest cube about a measured pose near the middle whose nodes are all reached and
         corrected.
         nodes: number of grid nodes along each side; None for 5.
         setup, tool: names of the registration and tool point for sources and grid, and, with several arms, of the arm;
-        None for the first.
+        None for the first names.
         seed: random seed of the poses at which the errors of the files are evaluated.
         Raises InputError for an invalid or unreachable box, or an unknown name.
         """

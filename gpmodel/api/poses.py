@@ -118,8 +118,8 @@ def _rivals(outlook: PlanningContext, record: Report | None) -> tuple[dict[str, 
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Aim:
     """Return the experimental design that lowers the error at the poses of a task and distinguishes alternative causes.
 
-    pool: joint values of candidate poses. A pose is selected for the goal farthest from its target: precision (WITHIN)
-    or distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
+    pool: joint values of candidate poses. A pose is selected for the goal farthest from its target: standard error
+    (WITHIN) or distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
@@ -225,7 +225,7 @@ class PosesResult(Shown):
     spacing: distance of the two most similar poses, as a share of joint ranges. curve: standard error after each pose.
     limit: lower bound of the standard error for any set of as many candidate poses, in the unit of `curve`. columns:
     joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is
-    95 % probable in 19 of 20 cases; None if the proposed poses do not suffice.
+    95 % probable in 19 of 20 cases; None if the proposed poses do not suffice to decide.
     """
 
     mechanism: Mechanism

@@ -113,7 +113,7 @@ def regress(
     y: response, one number per row of X, in any unit and with any offset.
     names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier. At most 100 (1 + seconds) rows, drawn at
-    random, are searched; the constants are fitted to all rows afterwards. The search may exceed the time limit.
+    random, are searched; the constants are fitted to all rows afterwards. The search may take longer than `seconds`.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
     The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats. Where a formula grows
     without bound between neighbouring rows, its deviation from a straight line counts in R². A formula with a

@@ -169,7 +169,7 @@ def _folder_of(result: object) -> Path | None:
 class ExplainResult:
     """Explanation of one finding. record: content of report.json. found: the explanation as text and numbers.
 
-    tellable: names of alternative explanations that further poses could exclude; None if unknown.
+    tellable: names of alternative explanations that further poses could exclude; None if not computed.
     """
 
     record: Report

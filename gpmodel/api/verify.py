@@ -80,7 +80,7 @@ class RepairedModel(Shown):
 class NextCheck(Shown):
     """State of a pose-by-pose check of a machine against its model.
 
-    judged: result of the tests on the measured poses; None if there are too few poses.
+    judged: result of the tests on the measured poses; None before the first test.
     poses: number of different measured poses.
     limit: displacement of the tool, mm, that a change must cause to be detected.
     unseen: changes that could move the tool by more than `limit` without being detected.

@@ -72,7 +72,7 @@ class Compensation:
     status: text that states whether and how the target is reached.
     residual: remaining position error, m; turn: remaining orientation error, rad, NaN for position targets.
     correction: position error without compensation, m.
-    sigma: standard deviation of the reached point from the target in the fitted registration, m, as of a prediction.
+    sigma: predicted standard deviation, m, of the reached point from the target in the fitted registration.
     outside: inputs beyond the ranges of the model.
     For targets that the nominal mechanism cannot reach, the fields from residual on are NaN or empty.
     """

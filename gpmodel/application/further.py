@@ -42,7 +42,7 @@ from gpmodel.table.blocks import sharing
 POSES = 1000
 """Number of poses of each simulated session of further measurements."""
 WORLDS = 400
-"""Number of simulated sessions of further measurements. With 400 the 95 % quantile is known to about a percent."""
+"""Number of simulated sessions of further measurements. With 400 sessions the 95 % quantile is known to a percent."""
 LARGEST_LEVERAGE = 0.95
 """Largest leverage of a pose whose residual is used. With a larger leverage, the residual is a rounding error."""
 FEWEST = 10

@@ -66,8 +66,8 @@ def changes(
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
     """Return the significant changes of a machine, and the residual without all of them.
 
-    A displaced frame includes smaller changes, such as a zero and a tool. If a displaced frame is selected, the changes
-    are selected again without frames, and the more probable of both results is returned.
+    A displaced frame includes smaller changes, as of a joint zero or the tool. If a displaced frame is selected, the
+    changes are selected again without frames, and the more probable of both results is returned.
     """
     result, frames = _selected(found, tried, significance), {change.name for change in tried if change.of_a_frame}
     if frames.isdisjoint(change.name for change in result[1]):

@@ -29,7 +29,7 @@ from gpmodel.table.blocks import sharing
 from gpmodel.table.dataset import Dataset
 
 LAST = 20
-"""Number of poses of the last test whose report is kept. Later tests have a level below 0.0001."""
+"""Number of poses of the last test whose reported change remains reported. Later tests have a level below 0.0001."""
 EXCLUDED: tuple[Kind, ...] = ("zero", "tool", "size", "geometry")
 """Kinds of change that a check has to exclude before it confirms the model of a machine."""
 FALSE_ALARM = 0.05
@@ -141,7 +141,7 @@ class Pool:
         """Return the joint values of the next pose to measure, which is not among the poses `taken`.
 
         The pose maximises the information on the suspected (else the least determined) change, relative to the tool's
-        displacement. Without a test, the pose farthest from `taken` is returned.
+        displacement. Before the first test, the pose farthest from `taken` is returned.
         """
         left = self.not_among(taken)
         if self.found is None:

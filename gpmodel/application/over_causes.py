@@ -145,9 +145,9 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     """Include in a fit to all poses the uncertainty about the cause of each finding, and about one undetected effect.
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
-    p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant or a finding can
-    absorb them. If one part of an arm yields to gravity, every part does: the compliances c besides found compliances
-    c₁ are undetected effects of probability 1, with the prior c ~ N(0, mean c₁²).
+    p(h | y) ∝ exp(log evidence of h in this fit). Small effects of the catalogue are included, as a constant or a
+    finding can absorb them. If one part of an arm yields to gravity, every part does: the compliances c besides found
+    compliances c₁ are undetected effects of probability 1, with the prior c ~ N(0, mean c₁²).
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]

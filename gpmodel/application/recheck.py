@@ -76,7 +76,7 @@ class Session:
         return pose_error(self.observed, self.poses.dataset, self.saved.weights)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Return a mask of the columns that the later session fits.
+        """Return a mask of the columns (parameters) that the later session fits.
 
         A later session fits registration and stationary objects, the tools `again`, and with all tools also the objects
         on links. Effects and lenses keep the model's values.
@@ -110,7 +110,7 @@ def settled(
 ) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
-    saved: model without effects that do not apply. start: initial registration and tool point, if the tool is also
+    saved: model of effects that apply later. start: initial registration and tool point, if the tool is also
     fitted; None to keep the model's tool point. again: labels of the tools to fit, None for all tools of `start`.
     Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """

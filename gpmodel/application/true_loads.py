@@ -76,7 +76,7 @@ def _other_loads(found: Discovery, left: Residual, mechanism: LoadedMechanism, w
     """Return the fitted loads with the best cross-validated predictions, or None if the declared loads predict better.
 
     Loads are fitted to the residual of the standard model, and to the residual of the findings that are independent of
-    loads. For each set of loads, the compliances of all joints and of the base are estimated together with these
+    loads. For each set of loads, the compliances of all joints and of the base are estimated together with the
     findings, without a penalty. A model with fitted loads must predict better than the model with declared loads, and
     better than the model with all findings.
     left: residual of the model with all findings. worth: log likelihood of the model less penalties, nats.

@@ -127,7 +127,7 @@ def _starts(lever: Array, left: Array, pose: IntArray) -> Iterator[Mask]:
 
 
 def _sequences(count: int) -> Iterator[Mask]:
-    """Yield divisions in which the second tool follows the first."""
+    """Yield divisions of the rows in which the second tool follows the first."""
     for first in range(FEWEST - 1, count - FEWEST + 2, max(1, count // MOST_CHANGES)):
         yield np.arange(count) >= first
 

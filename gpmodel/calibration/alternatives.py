@@ -218,7 +218,7 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 
 
 def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Alternative, ...]:
-    """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
+    """Return the alternatives to significant constants: at most one per constant, and a limited total.
 
     Candidates are effects of the catalogue with at most two unknowns. For each constant the plausible candidate
     that moves the point least is selected, if other measurements could distinguish the two and its motion has the size

@@ -27,7 +27,7 @@ CONDITION_LIMIT = 1e4
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
     """Linearise the measurements in registration, tool and effects, all zero, at the poses of a table.
 
-    Of a measured value, only whether it is finite or NaN matters. The fixed end of each measured distance is 2 m away.
+    Of a measured value, only whether it is NaN matters. The fixed end of each measured distance is 2 m away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)

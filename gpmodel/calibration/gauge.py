@@ -65,8 +65,8 @@ def inclusion_order(
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
 """Measurements per unknown above which all constants are fitted, and condition limit for fewer measurements, if no
 measurement determines the robot's scale. The condition limit is halved until a degree of freedom remains.
-Cross-validation cannot choose the limit without a scale, because folds ignore the prior against overfitting (of 20
-tables with 40 touches on three balls, cross-validation left 4 with one constant)."""
+Cross-validation cannot choose the condition limit without a scale, because folds ignore the prior against overfitting
+(of 20 tables with 40 touches on three balls, cross-validation left 4 with one constant)."""
 
 
 def choose(

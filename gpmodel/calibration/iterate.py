@@ -143,8 +143,8 @@ class Fitting:
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
-        """Return the linear problem with the residual at the parameter values `theta` and `placement`, and old
-        derivatives."""
+        """Return the linear problem with old derivatives, and the residual at the parameter values `theta` and
+        `placement`."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.block, self.ratio)
         return there
@@ -169,7 +169,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Current parameter values of Gauss-Newton iterations. The derivatives in `problem` may belong to close values."""
+    """Current parameter values of Gauss-Newton iterations. Old derivatives of close values may be reused."""
 
     placement: Placement
     theta: Array

@@ -84,7 +84,7 @@ class Uncertainty:
     stderr, unique_share: standard error and unique share of each effect, NaN and zero for dropped effects.
     correlation: correlation matrix of the estimated effects.
     covariance: covariance of all fitted quantities.
-    placement_numbers: registration and tool, number by number.
+    placement_numbers: coordinates of registration and tool, with names and standard errors.
     sigma: standard deviation of one component of the reference kind of measurement about the model, m.
     freedom: degrees of freedom of sigma, and of Student's t of the estimates.
     rank: number of unknown parameters that the measurements determine.

@@ -59,7 +59,7 @@ ALONE_STEPS = 200
 EARNED = 20.0
 """Least gain in log evidence at which undeclared effects are reported, nats. The largest gain of 56 tables of touches
 and cameras without an undeclared effect was 11 nats, the least of eight with a compliant joint and two oval gears 38
-nats. With half the limit, one table more of pure noise is reported; with double, one table with an effect is missed."""
+nats. Half the limit reports one more table of pure noise; double the limit misses one table with an effect."""
 START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 """Initial standard deviations γ and τ, m and rad, and initial share of noise in the measurements; smallest γ and n."""
 

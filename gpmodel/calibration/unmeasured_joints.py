@@ -125,8 +125,8 @@ def without_eliminated(rows: Array, sizes: Array) -> Array:
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     """Project out of derivatives the parameter combinations that unmeasured joints absorb in the nominal mechanism.
 
-    nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
-    absorbed combination is small but not zero, and a fit would fit noise with it. sizes: column norms before
+    nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, the column
+    of an absorbed combination is small but not zero, and would be fitted to noise. sizes: column norms before
     elimination, which make metres and radians comparable.
     """
     scale = np.where(sizes > 0, sizes, 1.0)

@@ -132,7 +132,7 @@ class Fit:
 
 
 class Assigner:
-    """Search for assignments of a sheet's columns to joints and points, compared on at most MOST_ROWS rows."""
+    """Search for assignments of a sheet's columns to joints and points, compared on at most 60 rows."""
 
     def __init__(self, sheet: Sheet, mechanism: Mechanism, rows: IntArray | None = None) -> None:
         self.mechanism = mechanism
@@ -280,7 +280,7 @@ def _formulas(q: Array, meant: Array) -> Array:
 
 
 def _roughly(frames: Array, p: Array) -> float:
-    """Return the median error, m, of points (poses, 3) after ROUNDS alternating fits of registration and tool point."""
+    """Return the median error, m, of points (poses, 3) after eight alternating fits of registration and tool point."""
     tool: Array = np.zeros(3)
     for _ in range(ROUNDS):
         found = Registered.of(frames, p, tool)

@@ -62,8 +62,8 @@ def check_dataset(
 ) -> list[Remark]:
     """List the errors, warnings and notes of a table, errors first.
 
-    standard: the geometric constants to fit (default: all). With more than MOST_FITTED rows, fits use stretches of rows
-    spread evenly over the table, and a note states the number of rows. Errors: joint values beyond limits, wrong units
+    standard: the geometric constants to fit (default: all). With more than 2000 rows, fits use stretches of rows spread
+    evenly over the table, and a note states their number. Errors: joint values beyond limits, wrong units
     or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `another_lens` and
     `warnings_of`; `built_wrong` and `poor_fit` if no lens is wrong. Notes on the table: see the function `notes`.
     """
@@ -116,7 +116,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
 
 
 def evenly(count: int) -> IntArray:
-    """Return the indices of the rows that are fitted: all `count` rows, or MOST_FITTED in evenly spaced stretches."""
+    """Return the indices of the rows that are fitted: all `count` rows, or 2000 in evenly spaced stretches."""
     if count <= MOST_FITTED:
         return np.arange(count)
     starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)

@@ -63,7 +63,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     If the residual of registration and tool is far above real errors at most poses, other interpretations of the
     columns are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
     pose before or after, two set-ups in one, and many bad measurements. An interpretation is named if it divides the
-    residual by at least FAR_BETTER. For several arms, joint values in degrees instead of radians
+    residual by at least five. For several arms, joint values in degrees instead of radians
     are the only tested interpretation.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
@@ -96,7 +96,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
-    """Describe the columns' best interpretations if they divide the residual by at least the factor FAR_BETTER.
+    """Describe the columns' best interpretations if they divide the residual by at least five.
 
     now: RMS residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
@@ -263,13 +263,13 @@ def _too_many_turns(largest: float) -> str:
 
 COARSE = 0.05
 """Median error of measured rotations over the poses, rad, from which the rotations are refused: three degrees. Errors
-of joint zeros are milliradians."""
+of joint zeros are a few milliradians."""
 TAIT_BRYAN = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
 
 def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Describe how measured rotations disagree with the mechanism, and the convention that fits; None if they agree.
+    """Describe how measured rotations disagree with the mechanism, and the convention that fits; None for agreement.
 
     Model: measured rotation = A R_flange B, with the registration A of the positions and the rotation B of the tool in
     the flange. Without measured positions the rotations are not tested.

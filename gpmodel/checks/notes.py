@@ -30,8 +30,8 @@ of columns are tried: ten times the errors of a bad robot. The module `checks.we
 CLOSE = 0.01
 """RMS residual, m, below which registration and tool are not fitted again from another side of the flange."""
 COARSE, FINE, FINER = 0.3, 1e-3, 0.3
-"""First and last scale of the robust fit, m, and the factor between successive scales. Half or double of a scale
-selects equal rows; a last scale of 0.1 mm would reject rows because of geometric errors."""
+"""First and last scale of the robust fit, m, and the factor between successive scales. Half or double the scale selects
+equal rows; a last scale of 0.1 mm would reject rows because of geometric errors."""
 STEPS = 4
 """Number of Gauss-Newton steps at each scale of the robust fit; with eight steps, equal rows are selected."""
 QUARTER, SPREAD = 0.25, 12.0
@@ -121,7 +121,7 @@ def least_misfit(frames: Array, position: Array) -> Array:
 def consistent_rows(frames: Array, position: Array) -> tuple[Registered, Mask]:
     """Return registration and tool point of the largest consistent part of the rows, and a mask of these rows.
 
-    A fit with a Cauchy loss, whose scale decreases from COARSE to FINE, starts from least-squares fits to all rows, to
+    A fit with a Cauchy loss, whose scale decreases from 0.3 m to 1 mm, starts from least-squares fits to all rows, to
     the first third and to the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
     """
     third = max(len(frames) // 3, 6)

@@ -235,7 +235,7 @@ def _least(fit: Calibration, poses: Poses) -> Array:
     """Return the matrix that maps fitted parameters to the parameters of least norm with equal effect on all points.
 
     Two series of points count as equal if another registration and tool point map one onto the other. Parameter
-    combinations with an effect more than RESOLVED times smaller than the largest are held at zero.
+    combinations with less than a thousandth of the largest effect are held at zero.
     """
     problem = problem_at(fit, poses)
     placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]

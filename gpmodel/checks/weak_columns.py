@@ -207,11 +207,11 @@ class Factor:
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A scale factor of one column must reduce the residual by the factor BETTER. For a scale factor of all positions no
+    A scale factor of one column must reduce the residual by a factor of 1.5. For a scale factor of all positions no
     reduction is required: longer links would fit equally well. fit: fit of the standard model.
 
-    r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
-    (HEALTHY). A: columns of all constants. c: column of a factor f.
+    r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine,
+    such as compliances. A: columns of all constants. c: column of a factor f.
 
         r = P ρ + A θ + (f - 1) c + e,   θ ~ N(0, τ² I),   e ~ N(0, σ² I)
 

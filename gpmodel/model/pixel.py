@@ -26,8 +26,8 @@ outliers of the previous fit."""
 IN_TURN = 20
 """Number of Gauss-Newton steps for the pose of a body in a camera view between two updates of the weights."""
 TURNING = 1e-3
-"""Smallest ratio of the second smallest to the largest singular value of a hand-eye calibration. With a smaller ratio
-all views rotate about one axis."""
+"""Smallest ratio of the second smallest to the largest singular value of a hand-eye calibration. With a smaller ratio,
+all camera views rotate about one axis."""
 METRES_A_PIXEL = 1e-3
 """Assumed size of a pixel at the board, m, if every image shows one point only."""
 FEWEST_VIEWS = 3

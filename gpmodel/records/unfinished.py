@@ -79,8 +79,8 @@ class Unfinished:
     """The subfolder `unfinished` of a folder of results: one file KIND-NUMBER.json for each finished part.
 
     request: JSON content of the command.
-    identity: the inputs of the command on which the results depend, files by content. Files with another identity are
-    not used.
+    identity: the inputs of the command on which the results depend, files by content. Saved files of a command with
+    another identity are not used.
     say: receives a message about each damaged file, which is renamed and computed again.
     """
 

@@ -166,7 +166,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
     Inputs other than joint values are drawn from random rows of the table. Far outside the range of an input, formulas
-    outside the catalogue are held constant, as in `predict`. A group has None if its effects depend only on the
+    outside the catalogue are held constant, as in `predict`. None stands for a group whose effects depend only on the
     session, if joints are unmeasured, or if the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
@@ -190,7 +190,7 @@ def _sizes(moved: Moved | None) -> ErrorsMm:
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
-    """Return displacements of the tool by an effect at no more than SHOWN points, evenly spaced along the rows."""
+    """Return displacements of the tool by an effect at no more than 120 points, evenly spaced along the rows."""
     points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 

@@ -68,7 +68,7 @@ COLOURS = {
 
 @contextmanager
 def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
-    """Set the drawing style STYLE and `more`, without warnings on missing letters; pages use the browser's fonts."""
+    """Set the drawing style and options `more`, without warnings on missing letters; pages use browser fonts."""
     fonts = logging.getLogger("matplotlib.font_manager")
     with rc_context({**STYLE, **more}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)

@@ -47,7 +47,7 @@ def vectors(values: Array) -> Vectors:
 
 
 def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[str, str]) -> tuple[Correlation, ...]:
-    """Return at most eight parameters that correlate above CORRELATED with one of the effects."""
+    """Return at most eight parameters whose correlation with one of the effects exceeds 0.8 (CORRELATED)."""
     partners = final.partners
     near = [(n, c) for e in effects for n, c in partners.get(e.name, ())]
     return tuple(Correlation(translate(n, names), c) for n, c in near[:8])

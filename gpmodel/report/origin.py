@@ -153,9 +153,9 @@ def repeatability(data: Dataset) -> Repeatability | None:
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
     """Return the pose accuracy of ISO 9283, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
-    Before calibration: nominal geometry with fitted registration and tool. After calibration: the last model. The poses
-    are held-out poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out.
-    Pose accuracy is None if fewer than FEWEST poses were measured FEWEST times.
+    Before calibration: nominal geometry with fitted registration and tool. After calibration: the last model. Pose
+    accuracy is that of held-out poses; with fewer than three, that of fitted poses, with errors scaled as if left out.
+    Pose accuracy is None if fewer than three poses were measured three times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))
@@ -178,7 +178,7 @@ def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positio
 
 
 def _repeats(data: Dataset) -> Iterator[IntArray]:
-    """Yield the rows of each pose with at least FEWEST complete measurements."""
+    """Yield the rows of each pose with at least three complete measurements."""
     codes, whole = replicates(data), np.isfinite(data.position).all(axis=1)
     for code in np.unique(codes):
         rows = np.flatnonzero((codes == code) & whole)

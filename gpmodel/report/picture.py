@@ -25,7 +25,7 @@ BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
 
 EXPLORE = "explore.html"
 CLIP = 3.0
-"""End of a picture's axis, relative to the 98th percentile of the values. Larger values are marked at the axis end."""
+"""End of a picture's axis, relative to the 98th percentile of the values. Values beyond are marked at the axis end."""
 
 MOST_VECTORS = 1500
 """Number of poses from which dots are drawn as pixels; vector graphics of more dots would need megabytes."""

@@ -21,7 +21,7 @@ EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
 def as_dict(report: Report) -> dict[str, object]:
-    """Return the content of report.json. The entry `histogram` is that of round 1, with counts `linear` and `tree`."""
+    """Return the content of report.json. The entry `histogram` counts inputs of round 1, by `linear` and `tree`."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else without_runs((), 1.0)
     none = (0,) * len(first.inputs)

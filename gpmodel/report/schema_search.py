@@ -377,7 +377,7 @@ class RoundRecord:
 @dataclass(frozen=True)
 class CompensationRecord:
     """Inputs and outputs of the best evolved program at the training poses.
-    columns: values of the inputs at each pose. values: values of the outputs at each pose."""
+    columns: values of the inputs at each pose. values: values of the program's outputs at each pose."""
 
     run: str = ""
     inputs: tuple[str, ...] = ()

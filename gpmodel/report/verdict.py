@@ -22,7 +22,7 @@ SURE = 0.9
 STATED_TOO_LARGE = 3.0
 """Ratio of stated noise to residual above which the report remarks that the stated noise is too large."""
 FAR_ABOVE = 2.0
-"""Ratio of held-out to training error from which a remark states it. A fit of 27 unknowns to 30 poses causes 1.4."""
+"""Ratio of held-out to training error from which it is remarked. Fitting 27 unknowns to 30 poses causes 1.4."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 

@@ -28,7 +28,7 @@ MOST_ROWS, MOST_PRINTED = 400, 8
 MOST_RIVALS = 4
 """Number of alternative explanations of a change in a sentence; verify.json lists all."""
 SLIPPED, DIFFERS = "tool slipped", "differs"
-"""First words of the name of a slip of the tool, and last word of that of a second tool."""
+"""First words of the name of the change "slip of the tool"; last word of the name of the change to a second tool."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked: by chance in one of fifty tables of twenty rows."""
 NOMINAL = "nominal, as driven"

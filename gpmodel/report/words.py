@@ -216,7 +216,7 @@ def found(report: Report, effect: EffectRecord) -> str:
 def dropped(report: Report) -> str:
     """State which constants are held at zero because they are redundant; empty without redundant constants.
 
-    Constants on which no measurement depends are not redundant; `calibration.unobservable` lists them.
+    Constants on which no measurement depends are not redundant; `calibration.unobservable` lists such constants.
     """
     unseen = [p.name for p in report.parameters if not p.kept and p.stderr]
     names = [name for name in report.dropped() if name not in unseen]

@@ -46,8 +46,8 @@ def repeat_blocks(dataset: Dataset) -> IntArray:
 
     No division into folds or held-out poses separates a block. Rows with equal `group` or `repeat` labels form a block.
     A `group` label of all rows is ignored, such as the only training session if another session is held out. Rows that
-    touched one point, bar or surface with at most FEW_TOUCHES touches form a block. Rows whose joint values agree
-    within SAME_JOINT or lie in one cluster form a block, for any set-up and payload. Blocks are numbered by joint
+    touched one point, bar or surface with at most 12 touches form a block. Rows whose joint values agree within 0.5
+    mrad or mm, or lie in one cluster, form a block, for any set-up and payload. Blocks are numbered by joint
     values, so that the order of rows does not matter.
     """
     labels = [column for column in ("group", "repeat") if column == "repeat" or np.ptp(dataset.codes(column)[1])]
@@ -65,7 +65,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     """Return a number for each row, equal for repeated measurements at one pose, payload, set-up and tool.
 
     whatever: True to give one number also to rows of a pose that differ in measurement or set-up.
-    Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
+    Rows with one `repeat` label get one number. Without labels, rows with joint values within 0.5 mrad or mm get one
     number, unless joint values are approximate. A row with a copied measurement gets its own number.
     """
     read = () if whatever else ("setup", "tool", *READ)
@@ -146,8 +146,8 @@ def noise_floor(dataset: Dataset) -> float | None:
 def check_repeats(dataset: Dataset) -> None:
     """Check that repeats of a pose agree in their joint values and measured points.
 
-    Raises InputError naming two rows with one `repeat` label whose joint values differ by more than FAR_JOINT, or two
-    repeats whose points lie farther apart than FAR_POINT.
+    Raises InputError naming two rows with one `repeat` label whose joint values differ by more than 5 mrad or mm, or
+    two repeats whose points lie farther apart than 5 cm.
     """
     first = _same_label(dataset, "repeat")
     apart = np.abs(dataset.q - dataset.q[first])
@@ -177,7 +177,7 @@ def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray
 
 
 def _same_joints(q: Array) -> IntArray:
-    """Return for each row the number of the first row of its pose: the earliest row within SAME_JOINT in every joint.
+    """Return for each row the number of the first row of its pose: the earliest row within 0.5 mrad or mm.
 
     Rows are compared with the first row of a pose, not with the neighbouring row, so that a slow motion is not one
     pose.
@@ -200,10 +200,10 @@ def _same_joints(q: Array) -> IntArray:
 def _clusters(q: Array) -> IntArray:
     """Return for each row the number of the first row of its cluster of poses, or its own number without clusters.
 
-    Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
+    Joint values are scaled by their ranges; r is five times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
     of pairs doubles. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all poses,
-    no clusters are reported. Repeats count as one pose.
+    no clusters are reported. Repeats of a pose count as one pose.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)

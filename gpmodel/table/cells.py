@@ -80,7 +80,7 @@ LARGEST = 1e20
 """Largest accepted number in a table's cell, in any unit. A time stamp in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
-"""Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
+"""Largest size of an unpacked Excel table, bytes: a million poses. A table takes ten times its size in memory."""
 
 MOST_COLUMNS = 1000
 """Largest number of columns of a table. The reading time grows with the columns; a model accepts 500 inputs."""

@@ -44,7 +44,7 @@ class Specification:
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:
-        """Return the expected standard deviation of a coordinate of points, m: permissible error over COVERAGE."""
+        """Return the expected standard deviation of a coordinate of points, m: half the permissible error."""
         return self.at(points) / COVERAGE
 
     def __str__(self) -> str:
@@ -109,7 +109,7 @@ class Dataset:
     joints_approximate: True if a joint has no sensor, so that equal joint values need not be one pose.
     ignored: text columns that are no labels; empty_rows: number of empty rows in the file.
     in_order: True if rows are in the order of measurement, so that effects may depend on earlier rows.
-    instrument: specification of the instrument; None unless stated.
+    instrument: specification of the instrument; None if not stated.
     """
 
     joints: tuple[str, ...]

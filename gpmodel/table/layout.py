@@ -84,7 +84,7 @@ class Sheet:
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return the clock times of a sheet's column, s after the first time; None for other columns."""
+        """Return the clock times of a sheet's column, s after the first time; None for columns without clock times."""
         return clock_seconds(self.cells[column])
 
 

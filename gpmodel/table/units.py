@@ -104,7 +104,7 @@ def clock_names(units: Mapping[str, str]) -> set[str]:
 
 @lru_cache(maxsize=256)
 def torque_factor(unit: str) -> float | None:
-    """Return the size of one `unit` in N·m (torque) or N (force); None for other units."""
+    """Return the size of one `unit` in N·m (torque) or N (force); None for units of another kind."""
     if unit == "1" or not known_unit(unit.replace("Nm", "N*m")):
         return None
     own = _registry().Quantity(1.0, unit.replace("Nm", "N*m"))

@@ -18,8 +18,8 @@ from gpmodel.numerics.se3 import chain, hat, right_jacobian
 def check_representation(representation: Representation, *, population: int = 64, seed: int = 0) -> None:
     """Check a representation of programs: initial programs, breeding, and a search for a simple formula.
 
-    Populations have the requested size. `take` and `join` do not change programs. The result of a search depends on the
-    seed alone. The search finds a - b, which differs from b - a.
+    Populations of programs have the requested size. `take` and `join` do not change programs. The result of a search
+    depends on the seed alone. The search finds a - b, which differs from b - a.
     """
     rng = np.random.default_rng(seed)
     inputs = Inputs(("a", "b"), rng.normal(size=(2, 40)))

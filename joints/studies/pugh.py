@@ -13,7 +13,7 @@ from joints.studies.study import Study, Table
 
 
 class PughChart(msgspec.Struct, forbid_unknown_fields=True):
-    """A Pugh chart as in the TOML file. marks: {criterion: one mark per concept}, integers once read.
+    """A Pugh chart of scored concepts, from TOML. marks: {criterion: one mark per concept}, integers once read.
     weights: weight of each criterion, 1 by default.
 
     Raises InputError for a row of wrong length, an invalid mark, or a weight of an unknown criterion.
@@ -55,7 +55,7 @@ class PughChart(msgspec.Struct, forbid_unknown_fields=True):
 
     @property
     def minuses(self) -> IntArray:
-        """Number of minus marks of each concept."""
+        """Number of minus marks of each concept in a Pugh chart."""
         return np.asarray(np.maximum(-self.grid, 0).sum(axis=0))
 
     @property

@@ -175,7 +175,7 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
 
     Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sign is added.
     Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in
-    TOML can express such joints and axes.
+    TOML express what RoboDK's cannot.
     """
     signs, others = _couplings(chain, mechanism.joints)
     names = [joint.name for joint in mechanism.joints]

@@ -41,7 +41,7 @@ def origins(text: str) -> dict[str, JointOrigin]:
 def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
     """Write the calibrated origin of every joint of a nominal URDF as YAML: x, y, z, m, and roll, pitch, yaw, rad.
 
-    The six numbers are the values of `<origin xyz rpy>` in a xacro file. note: first comment of the file.
+    A joint's six numbers are the values of `<origin xyz rpy>` in a xacro file. note: first comment of the file.
     """
     use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
     lines = [*commented(note), f"# In xacro: {use} and so on.", "kinematics:"]
