@@ -55,9 +55,9 @@ def _settled(
 ) -> tuple[tuple[Candidate, ...], list[tuple[InnerChange, ...]], Calibration]:
     """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
-    Each step adds the fitted changes to the constants. After convergence the constants' changes are zero, with standard
-    errors. Constants that do not converge keep their initial values, without standard errors. theta: coefficients of
-    each candidate's effects in `fit`.
+    Each Gauss-Newton step adds the fitted changes to the constants. After convergence the constants' changes are zero,
+    with standard errors. Constants that do not converge keep their initial values, without standard errors. theta:
+    coefficients of each candidate's effects in `fit`.
     """
     moving, here = tuple(found), fit
     for _ in range(STEPS):

@@ -47,8 +47,8 @@ MOST_INPUTS = 6
 def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
     """Return the smooth functions of a selection that a formula may replace, by the names of their groups of effects.
 
-    Named functions are included if the data determine few of their coefficients, evolved programs if they have several
-    terms or are new. Groups at one site with at most two inputs in total are also added up to one function.
+    Named functions are included if the data determine few of their coefficients, evolved programs if the programs have
+    several terms or are new. Groups at one site with at most two inputs in total are also added up to one function.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -62,7 +62,7 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
     """Yield the sum of all groups at one site with at most two inputs as one candidate, with the names of the groups.
-    If all groups have named causes, they are added up only for one input and at most NUMBERS coefficients."""
+    Groups that all have named causes are added up only for one input and at most NUMBERS coefficients."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)

@@ -26,7 +26,7 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Number of passes that refit the constants of all candidates; the second pass allows for changes in the first."""
+"""Number of passes that refit the constants of all candidates; pass two allows for changes in the first pass."""
 
 EVALUATIONS = 80
 """Largest number of residual evaluations per constant of a candidate; the simplex method needs half as many."""
@@ -206,7 +206,7 @@ STEP = 1e-3
 
 OWN = 0.005
 """Least unique share of the derivative with respect to a constant in a formula; a scale only rescales the coefficient.
-Difference quotients approximate derivatives to a tenth of the share."""
+Difference quotients approximate derivatives to a tenth of this share."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change, which alters the formula by 30 % RMS; larger ones are not linear."""

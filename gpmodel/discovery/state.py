@@ -123,7 +123,7 @@ class Discovery:
 
 
 Division = tuple[Poses, IntArray, IntArray]
-"""Type: poses, numbers of the rows for training, and numbers of the held-out rows."""
+"""Type of a division of a table: poses, row numbers for training, and numbers of the held-out rows."""
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Reporter) -> Division:
@@ -156,8 +156,8 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: R
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
     """Sample about `size` of some rows: a random pose of each stretch of rows, with its repeats.
 
-    All rows are returned if a sample would omit a third or less. The sampled pose is random because every k-th pose of
-    a grid could have a single value of a joint.
+    All rows are returned if a sample would omit a third or less. The sampled poses are random, because every k-th pose
+    of a grid could have a single value of a joint.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -260,7 +260,7 @@ class State:
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=FOLD_SEED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        """Add a fitted model to the sequence, with its errors on the training and the held-out poses."""
+        """Add a fitted model to the growing models, with its errors on the training and the held-out poses."""
         seen, unseen = (self.poses.subset(rows) for rows in (self.train, self.heldout))
         step = replace(step_of(name, calibration, seen, unseen), finding=finding)
         self.steps = [*weighed_alike([*self.steps, step], seen, unseen)]

@@ -76,7 +76,7 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     Not used are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
     the reactions), and loads in proportion to a length or the payload, as on linear axes. Of several proportional
     lengths only the first is used: the travel of a joint rather than the height of the tool. The row number is excluded
-    if a clock rises with the row, since another table has other rows.
+    if a clock rises with it, since another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]

@@ -5,7 +5,7 @@ import numpy as np
 from gpmodel.arrays import Array
 
 ROUNDING = 1e-12
-"""Relative rounding error of a sum of 1e4 squares, each rounded at 1e-16."""
+"""Relative rounding error of a sum of 1e4 squares, each of which has the relative rounding error 1e-16."""
 
 RESOLUTION = 1e-6
 """Difference of description lengths, nats, below which two description lengths count as equal. Sums on another

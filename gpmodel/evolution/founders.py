@@ -27,8 +27,8 @@ STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (
 """Grids of the rate k of smooth steps, waves, exponentials, and bumps and resonances, per range of the input: first
 value, last value, number of steps."""
 ROOTS = 0.1, 1.0, 8
-"""Grid of the distances of the outer roots of a cubic from its middle root: first, last, number of steps. With four
-steps a plain cubic began so inaccurate that two hundred other shapes ranked above the cubic."""
+"""Grid of the distances of a cubic's outer roots from its middle root: first value, last value, number of steps. With
+four steps a plain cubic began so inaccurate that two hundred other shapes ranked above the cubic."""
 EXPONENTS = (0.75, 1.25, 2.0)
 """Exponents p of the odd powers x |x|^p of the first formulas; even powers start at p + 1."""
 ALONE = 3
@@ -136,7 +136,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 def _only_fine() -> Iterator[Element]:
     """Yield cubics by their middle root, odd or even powers with real exponents about their root, and rectified waves.
 
-    As products or compositions of other elements they need more constants, or start too far from the rate in the data.
+    As products or compositions of elements such shapes need more constants, or start too far from the data's rate.
     """
     for c in _inside(ALONE):
         for root in _in_proportion(ROOTS):

@@ -4,7 +4,7 @@ Kinds of inputs: "angle", "short angle" (its range is too short for its period t
 "number" (dimensionless), and any other name, which is a quantity by itself: "length", "torque", "temperature". Angles
 may be arguments of periodic functions and of functions of the distance from a given angle, and may be added and
 subtracted. A quantity may be added only to a quantity of its own kind. Clocks may enter ramps, steps and exponential
-approaches. A threshold in a formula is a constant.
+approaches. A threshold in a formula counts as a constant.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ def role(kind: str) -> str:
 
 
 def result(operator: str, *kinds: str) -> str | None:
-    """Return the kind of quantity that an operator gives, or None if it may not be applied to the given kinds."""
+    """Return the kind of quantity that an operator gives, or None if the operator does not apply to the given kinds."""
     if ANY in kinds:
         return ANY
     if all(kind == CONSTANT for kind in kinds):

@@ -80,8 +80,8 @@ class Linear:
         self, layout: Layout, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp],
         rng: np.random.Generator,
     ) -> "Sequences":  # fmt: skip
-        """Return children (thesis, Fig 5.3). While a child is copied, each element switches to the other parent at rate
-        ``crossover`` and is replaced by a random element at rate ``mutation``."""
+        """Return child programs (thesis, Fig 5.3). While a child is copied, each element switches to the other parent
+        at rate ``crossover`` and is replaced by a random element at rate ``mutation``."""
         assert isinstance(parents, Sequences), "sequences are bred from sequences"
         from gpmodel.evolution.kernels.breeding import breed_sequences
 

@@ -103,7 +103,7 @@ class CartesianProblem:
 
     def norm_of(self, points: Array) -> float:
         """Return the norm (largest or RMS) of the distances of points (3, poses) from the measured points, in the unit
-        of ``measured``; infinite or NaN if a point is."""
+        of ``measured``; not finite if a point is not."""
         with np.errstate(all="ignore"):
             squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))

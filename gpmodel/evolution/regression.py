@@ -70,7 +70,7 @@ class Law:
         return self.program.complexity + len(self.program.constants)
 
     def written(self, program: Program) -> "Law":
-        """Return the law with an equivalent program."""
+        """Return the formula with an equivalent program."""
         other = replace(self, program=program)
         return replace(other, nats=self.nats + PRICE * (other.length - self.length))
 
@@ -177,7 +177,7 @@ class QuotientProblem(SlotProblem):
     response: Array = field(default_factory=lambda: np.zeros(0))
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
-        """Return description length and gain of decoded programs; each output may enter numerator and
+        """Return description length and gain of decoded programs; each output may enter a quotient's numerator and
         denominator."""
         outputs = values(code, fixed).copy()
         under = below_the_bar(outputs, self.response)
@@ -260,7 +260,7 @@ class _Island:
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Return the formulas of the best programs of all sizes."""
+        """Return the formula of the best program of each size."""
         return self._of_sizes(self.run.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:

@@ -56,8 +56,8 @@ _loaded: set[str] = set()
 
 
 def load_loops(task: Task) -> None:
-    """Load the compiled loops of a run, once per process; forked processes inherit the loaded loops. Loading takes a
-    thousandth of the time of a run."""
+    """Load the compiled loops of a run, once per process; forked processes inherit the loaded loops. Loading compiled
+    loops takes a thousandth of the time of a run."""
     kind = label(task.settings.representation)
     if kind not in _loaded:
         _loaded.add(kind)
@@ -92,8 +92,8 @@ class Plan:
     seed: int
 
     def tasks(self, problem: Problem) -> dict[Number, Task]:
-        """Return the task of every evolution run. The key is a pair: index of the setting, and twice the index of the
-        run, plus one if the residual is permuted.
+        """Return the task of every evolution run. A task's key is a pair: index of the setting, and twice the index of
+        the run, plus one if the residual is permuted.
         The random stream of a task depends on the seed, on the name of the setting, on the index of the run, and on
         whether the residual is permuted."""
         tasks = {}

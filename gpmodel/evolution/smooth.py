@@ -159,7 +159,7 @@ def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array
 
 
 def through(targets: Targets, factor: Array) -> Targets:
-    """Return residual statistics from which a function f is fitted so that factor * f explains the residual."""
+    """Return residual statistics for the fit of a function f such that `factor` times f explains the residual."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 

@@ -55,8 +55,8 @@ ConstantNode.code = OWN_BYTE
 
 @dataclass(frozen=True)
 class Individual:
-    """Several trees that are bred together. codes: prefix codes of the trees, one byte per node. Variation works on
-    copies of the trees."""
+    """Several trees that are bred together. codes: prefix codes of the trees, one byte per node. Crossover and mutation
+    work on copies of the trees."""
 
     trees: tuple[gp.PrimitiveTree, ...]
     codes: tuple[bytes, ...]

@@ -116,7 +116,7 @@ the prior falls off."""
 
 SMOOTH = (10, 3.0)
 """Number of harmonics of a smooth error over an angle, and the number of the harmonic from which the prior falls off.
-Eccentric and bent gears cause the first few harmonics."""
+Eccentric and bent gears cause the first few harmonics of an angle."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """Prior tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992,
@@ -225,7 +225,7 @@ def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the error of each revolute joint in proportion to the coordinate of each revolute joint before it.
 
-    A linear joint is in proportion to the angle of a neighbouring joint, m/rad: the spindle of a SCARA is also a screw.
+    The error of a linear joint is proportional to its neighbour's angle, m/rad: a SCARA's spindle is also a screw.
     """
     joints = revolute(mechanism)
     pairs = [

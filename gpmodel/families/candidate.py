@@ -110,7 +110,7 @@ class Candidate:
 
     @property
     def unit(self) -> str:
-        """Unit of the candidate's amplitude: rad or m for a smooth function, else that of the first coefficient."""
+        """Unit of the candidate's amplitude: rad or m for a smooth function, else the unit of its first coefficient."""
         return axis_unit(self.place.axis) if self.kind == "curve" else self.effects[0].unit
 
     @property

@@ -21,7 +21,7 @@ off. An error over the angle of another joint is smoother than the error of a ge
 def continued(curve: Candidate) -> tuple[Effect, ...]:
     """Return further harmonics for a detailed angular error, with prior standard deviations falling as k^-1.5.
 
-    k is the number of the harmonic. Only a detailed angular error gets further harmonics.
+    k: number of a harmonic. Only a detailed angular error gets further harmonics.
     """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):

@@ -40,7 +40,7 @@ class FrequencyGrid:
 
     @property
     def step(self) -> float:
-        """Distance between two neighbouring rates of the grid."""
+        """Difference between two neighbouring rates of the grid."""
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:

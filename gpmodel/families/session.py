@@ -76,7 +76,7 @@ MOST_STEPS = 200
 """Number of evenly spaced rows of a long table at which a sudden shift (step) is a candidate; at most twice as many."""
 
 EVENTS = 12
-"""Number of trial moments at which settling may begin. Time constants from a twentieth of a session need no more."""
+"""Number of trial moments at which settling may begin: enough for time constants above a twentieth of a session."""
 
 SETTLED = 1e-4
 """Prior standard deviation of exponential settling, rad or relative length: 5 K of steel (Slocum 1992, ch. 2)."""
@@ -230,7 +230,7 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad. For a linear axis, half the play in m is a tenth: that of a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. A linear axis has half a play of 1e-5 m, that of a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
 """Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A stop operator of smaller
@@ -264,10 +264,10 @@ def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the torsion of a joint held by friction: the direction of approach ±1, alone and multiplied by the size of
-    the torque.
+    """Yield the torsion of a joint held by friction, as the direction of approach ±1, alone and times the size of the
+    torque.
 
-    The direction is the declared direction of approach, or else that of the last move.
+    The direction of approach is the declared one, or else that of the last move.
     """
     side = {j.name: f"last_move_{j.name}" for j in _moving(mechanism, states)}
     side |= declared_approach([j.name for j in mechanism.joints], states.columns)
@@ -284,7 +284,7 @@ def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield hysteresis of each joint's angle or torque as stop operators: several widths together, each alone."""
+    """Yield hysteresis of each joint's angle or torque as stop operators: of several widths together and of each."""
     for j in _on_known_path(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0

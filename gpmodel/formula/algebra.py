@@ -15,7 +15,7 @@ from gpmodel.formula.program import Builder, Node, Program
 _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
-"""Largest number of operators and leaves of one sympy expression; simplifying a longer one takes minutes."""
+"""Largest number of operators and leaves of one sympy expression; simplifying a longer expression takes minutes."""
 
 logical_not = sympy.Function("not_")
 """Function that is 1 if the argument is 0, else 0. sympy does not simplify this function."""

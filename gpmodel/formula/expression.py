@@ -27,7 +27,7 @@ LARGEST_NUMBER = sys.float_info.max
 DIGITS = 6
 """Significant digits of a written constant: an error of a millionth is far below the standard error of a constant."""
 LONGEST_TEXT = 50_000
-"""Largest number of characters of a formula. The longest formula that evolves, of 256 instructions, has 10 000."""
+"""Largest number of characters of a formula. The longest evolved one, of 256 instructions, has 10 000 characters."""
 MOST_PARTS = 5_000
 """Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
@@ -204,7 +204,7 @@ class Expression:
 
     @cached_property
     def length(self) -> int:
-        """Number of operators, inputs and constants; an input with an offset and a scale counts as one."""
+        """Number of operators, inputs and constants; an input with an offset and a scale counts as one input."""
         return length(self.program)
 
     @cached_property

@@ -14,7 +14,7 @@ from gpmodel.formula.expression import DIGITS
 from gpmodel.formula.program import Program
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
-"""Pattern of names that LaTeX sets in italics. In a longer name each letter would look like a factor."""
+"""Pattern of names that LaTeX sets in italics. Each letter of a longer name in italics would look like a factor."""
 _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 

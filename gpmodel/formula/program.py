@@ -19,7 +19,7 @@ _ATOM = 9
 
 
 class Named(Protocol):
-    """Interface of named columns of values, one value per pose."""
+    """Interface of named columns with one value per pose."""
 
     def __getitem__(self, name: str, /) -> Array: ...
 
@@ -281,7 +281,7 @@ of the 20 formulas of the bench are better (1.92 to 1.49, 1.29 to 1.09) and one 
 
 
 def description_size(program: Program) -> int:
-    """Return the complexity of a program plus `NESTED` for every function of a function of CURVED."""
+    """Return the complexity of a program plus `NESTED` for every nested function of the set `CURVED`."""
     curved, nested = list[bool](), 0
     for node in program.nodes:
         inside = any(curved[k] for k in node.arguments)

@@ -36,8 +36,8 @@ def deviations(told: Sequence[BlockInformation], machines: int) -> Deviations:
     """Test every machine against the other machines in every parameter or block of effects.
 
     The p-values (chances) are corrected for the number of machines and of parameters (Holm). While the smallest p-value
-    is below SIGNIFICANCE, its machine becomes an outlier and the parameter is tested again without that machine, so
-    that outliers do not mask each other. With fewer than FEWEST machines there are no outliers.
+    is below SIGNIFICANCE, the machine with it becomes an outlier and the parameter is tested again without that
+    machine, so that outliers do not mask each other. With fewer than FEWEST machines there are no outliers.
     """
     inside = np.ones((machines, len(told)), dtype=bool)
     z, chance = np.zeros(inside.shape), np.ones(inside.shape)

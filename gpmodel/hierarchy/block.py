@@ -47,7 +47,7 @@ class BlockInformation:
 class TypeDistribution:
     """Distribution of a block of effects between machines.
 
-    mean, covariance: mean of the effects over the type and its covariance.
+    mean, covariance: mean of the effects over the machines of the type, and the covariance of this mean.
     spread: standard deviation τ between machines.
     low, high: interval of τ with coverage COVERAGE.
     """

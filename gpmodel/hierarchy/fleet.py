@@ -76,7 +76,7 @@ def extras(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 
 def _size(own: Sequence[Calibration], name: str) -> float:
-    """Return the RMS over the machines of the value of an effect, or of its standard error where that is larger."""
+    """Return the RMS over the machines of the larger of an effect's absolute value and its standard error."""
     at = [[e.name for e in fit.model.effects].index(name) for fit in own]
     values = [max(abs(fit.theta[k]), fit.stderr[k]) for fit, k in zip(own, at, strict=True)]
     return float(np.sqrt(np.mean(np.square(values))))

@@ -27,7 +27,7 @@ from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 LARGEST = 1e3
-"""Upper bound of the ratio of a machine's distance to that of its type, and of its noise to the noise of the type."""
+"""Upper bound of a machine's distance ratio s (`TypeComparison.times`), and of its noise over the noise of the type."""
 
 DOUBTFUL, TWICE = 1e-3, 2.0
 """P-value, and ratio of distances from the type's mean, from which a machine counts as different from its type. The
@@ -92,7 +92,7 @@ def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
 
 
 PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
-"""Names of the last fit of a further machine of a known type, and of the fit before."""
+"""Names of the last and of the second to last fit of a further machine of a known type."""
 
 LOUDER = 1.1
 """Ratio of a machine's noise to the noise of its type from which its last fit is repeated."""

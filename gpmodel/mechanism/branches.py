@@ -22,7 +22,7 @@ closes the loops."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
-    """Return the limits of a joint, rad or m, reduced to one turn or one metre if they are wider."""
+    """Return the limits of a joint, rad or m, reduced to one turn or one metre if the range is wider."""
     widest = FREE_TURN if joint.kind == "revolute" else FREE_TRAVEL
     if joint.upper - joint.lower <= 2 * widest:
         return joint.lower, joint.upper
@@ -71,7 +71,7 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
     """Return {slot: vector (3,) [m] from the previous slot, in the frame of the slot}: lengths that grow with
     temperature.
 
-    A mechanism with ThermalLevers states these vectors itself, such as a joint whose lever a first fit determines.
+    A mechanism with ThermalLevers states its vectors itself, such as a joint whose lever a first fit determines.
     """
     if isinstance(mechanism, ThermalLevers):
         return mechanism.levers

@@ -48,7 +48,7 @@ class Joint:
     kind: "revolute" (rad) or "prismatic" (m).
     lower, upper: limits in rad or m, infinite if unknown.
     drive: (slot, axis, weight) of each twist that a unit error of the coordinate causes. The drive of a serial joint
-    has one term, that of an axis driven through a parallel bar two.
+    has one term, the drive of an axis with a parallel bar two.
     measured: False for a joint without a sensor, whose table values are approximate.
     """
 
@@ -216,7 +216,7 @@ class FittedLever(Protocol):
 
 @runtime_checkable
 class KnownMasses(Protocol):
-    """A mechanism whose masses are known one by one."""
+    """A mechanism that states the mass of each of its parts."""
 
     @property
     def bodies(self) -> Mapping[str, tuple[float, Array]]:

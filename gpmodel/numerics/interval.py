@@ -8,7 +8,7 @@ from scipy import special
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
-"""Degrees of freedom of alternative Student's t distributions of errors. The last value represents a normal."""
+"""Degrees of freedom of alternative Student's t error distributions. The last one represents a normal distribution."""
 NODES = 40
 """Number of normal distributions whose mixture approximates Student's t."""
 STEPS = 100
@@ -81,7 +81,7 @@ def with_far_ones(
 ) -> Tails:
     """Fit error distributions to accepted errors and to outliers that a fit excluded.
 
-    Two alternative models of the errors are weighted by their evidence. Either one distribution explains all errors, or
+    Two alternative models of errors are weighted by their evidence. Either one distribution explains all errors, or
     outliers are failures, uniform up to the largest error. Every rate of failures has an equal prior probability, so
     that F failures among F + M errors have the probability F! M! / (F + M + 1)!.
     inside, far: accepted errors and outliers, m.

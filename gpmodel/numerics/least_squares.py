@@ -1,4 +1,4 @@
-"""Least squares on unit columns: pivoted QR for few, normal equations for many; updates that omit columns or rows."""
+"""Least squares on unit columns: pivoted QR for few columns, normal equations for many; omission of columns or rows."""
 
 import ctypes
 import sys

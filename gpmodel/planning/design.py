@@ -132,7 +132,7 @@ ENOUGH = 1e-6
 
 DETERMINED = 1e-12
 """Least eigenvalue of the information matrix, scaled to a unit diagonal, at which all unknowns are determined. The
-prior of the geometry has the weight of a millionth of a measurement."""
+geometry's prior weighs as little as a millionth of a measurement."""
 
 LITTLE = 1e-6
 """Information added to every unknown so that the information matrix is regular: a millionth of one pose."""

@@ -163,7 +163,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
 
 
 def _inside(seen: Array) -> Mask:
-    """Return for boards (poses, 4, 4) in the camera frame whether all corners are in the image."""
+    """Return for poses of a board (poses, 4, 4) in the camera frame whether all its corners are in the image."""
     grid = PITCH * np.array([[i, j, 0.0] for j in range(BOARD[1]) for i in range(BOARD[0])])
     points = np.einsum("pij,cj->pci", seen[:, :3, :3], grid) + seen[:, None, :3, 3]
     ahead = points[:, :, 2] > 0.1

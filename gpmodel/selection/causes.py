@@ -27,7 +27,7 @@ from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
 """NEAR: largest loss of log evidence, nats, of a replacement to re-estimate (beyond: probability < 0.0001). MOST:
-largest number of replacements. ALIKE: relative difference of motion that the measured poses cannot resolve."""
+largest number of re-estimated groups. ALIKE: relative difference of motion that the measured poses cannot resolve."""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Group the effects of constant geometric errors: all lengths, all angles, all effects with priors; others alone.
+    """Group the effects of constant geometric errors: all lengths, all angles, all effects with priors; others singly.
 
     These groups of geometric errors are always in the model, with prior variances limited to the errors of a machine
     description. Without a limit, a wrist 29 cm off in a hardly determined direction fits like two smooth terms.

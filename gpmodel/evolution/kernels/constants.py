@@ -84,7 +84,7 @@ def explained(row: Array, site: SiteStatistics, smallest: float) -> tuple[float,
 def _normal_equations(columns: Array, coefficient: float, site: SiteStatistics, idle: float, normal: Array) -> bool:
     """Fill the normal equations of one Gauss-Newton step; return whether the equations are usable. columns: the basis
     function, then its derivatives with respect to the constants, (columns, poses). The last column of `normal` is the
-    right side."""
+    equations' right side."""
     size = len(columns)
     seen, stays = np.empty((size, len(site.cross))), np.zeros(size, np.bool_)
     for i in range(size):

@@ -80,8 +80,8 @@ def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
 def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Array, tangents: Array) -> None:
     """Fill the values (nodes, poses) of a program, and the derivatives (constants, nodes, poses) by its constants.
 
-    nodes: op-code and two arguments (3, nodes), which are earlier nodes; the first argument of an input or a constant
-    is its index. Derivatives are computed only for constants on which a node depends.
+    nodes: op-code and two arguments (3, nodes); an operator's are earlier nodes, the first one of an input or a
+    constant is its index. Derivatives are computed only for constants on which a node depends.
     """
     own, size, poses = len(constants), nodes.shape[1], inputs.shape[1]
     reached = np.zeros((own, size), np.bool_)

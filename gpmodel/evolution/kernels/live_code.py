@@ -41,8 +41,8 @@ def keep_live(
 
 @inlined
 def _leaves(words: IntArray, count: int, base: int) -> int:
-    """Return the number of leaves of a program: the fixed rows and the program's constants. Leaves of a program come
-    before all operators."""
+    """Return the number of leaves of a program: the fixed rows and the program's constants. The leaves come before all
+    operators of a program."""
     leaves = base
     while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
         leaves += 1

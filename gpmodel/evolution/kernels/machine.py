@@ -24,7 +24,7 @@ ROW = 0xFFFF
 
 @inlined
 def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
-    """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: none); return the number.
+    """Split a sequence of bytes into instructions 256 * op-code + operand byte, 0 without operand; return how many.
 
     ``op_codes[byte]`` is 256 times the op-code, plus 255 with an operand. A byte begins an instruction unless it is the
     operand of the byte before it. An op-code at the end without its operand is dropped. The code has no branch on the
@@ -107,7 +107,7 @@ def decode_sequence(
     outputs: NDArray[np.uint16],
     cells: NDArray[np.uint16],
 ) -> int:
-    """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
+    """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return the number of words.
 
     The cell of an instruction's operand is a register, or a cell with the index of a row of values. The last
     ``constants`` rows are the program's constants; constants in use become the first words. cells: scratch space, with
