@@ -17,7 +17,7 @@ from joints.settings import not_negative, positive, require
 SPAN = (0.01, 20.0)
 """Range of frequencies searched for resonance and bandwidth, relative to the ball's natural frequency."""
 STEPS = 400
-"""Number of searched frequencies, 2 % apart (SPAN). The frequency of the largest response is refined afterwards."""
+"""Number of searched frequencies, 2 % apart (SPAN). The frequency of the largest response is then refined."""
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,8 @@ class FilmGeometry:
 def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
     """Return the gap h0 + (d - h0) cos t [m] at polar angle t: clearance h0, displacement d of the ball from contact.
 
-    Figs 4.10 and 4.12 print h0 + d cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure
-    d from contact. Raises InputError if the ball would touch the socket.
+    Figs 4.10 and 4.12 print the edge gap h0 + d cos(alpha), displacement d from the concentric ball; in Table 4.2 and
+    Fig 4.17 d counts from contact. Raises InputError if the ball would touch the socket.
     """
     gap = gap_along(geometry, not_negative("displacement", displacement, "m"), np.cos(np.asarray(angle, float)))
     require(gap > 0, "film gap", gap, "above 0 m")
@@ -124,8 +124,8 @@ def pad_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
 
 def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
     """Return the pad load printed in Fig 4.12, pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N], symbols as in `pad_load`. The
-    printed formula holds for a pressure that grows outwards. For Table 4.2 the printed pad load is 199 N; the preload
-    is 100.7 N and the classical pad carries 111 N."""
+    printed formula holds for a pressure that grows outwards. With Table 4.2 the printed load is 199 N, the preload
+    100.7 N, and the load of the classical pad 111 N."""
     shape = 1 - 1 / (2 * geometry.log_ratio)
     return np.pi * geometry.outer_length**2 * not_negative("socket pressure", socket_pressure, "Pa") * shape
 

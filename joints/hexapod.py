@@ -50,8 +50,8 @@ class Hexapod(SixLegged):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """{frame: vector [m] that grows with temperature}: positions of the balls. The measured length of a leg is a
-        joint value, whose growth is that of a travel."""
+        """{frame: vector [m] that grows with temperature}: positions of the balls. A leg's measured length is a joint
+        value, which grows as a joint's travel does."""
         return self.link_levers(np.zeros(LEGS))
 
     @property
@@ -133,7 +133,7 @@ class Actuator:
 class Tau(SixLegged):
     """A Tau robot: a platform on six links of fixed length, in clusters of 3, 2 and 1 links on three actuators.
 
-    actuators: actuators A1 to A3. The positions in `base` are in the frames of the actuators, after their motion.
+    actuators: actuators A1 to A3. Positions in `base` are in the frames of the actuators after the actuators' motion.
     start: origin (3,) of the platform with all actuators at home, m; defines the lengths of the links.
     """
 

@@ -279,8 +279,8 @@ class SixLegged:
         return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:
-        """Return the smallest singular value of the links' Jacobian at each pose; zero at a singular pose. Rotations
-        are multiplied by the radius of the platform."""
+        """Return the smallest singular value of the links' Jacobian at each pose; zero at a singular pose. In the
+        Jacobian, rotations are multiplied by the platform's radius."""
         jacobian = self.jacobian(self.assembled(q, {}))
         jacobian[:, :, 3:] /= np.linalg.norm(self.platform, axis=1).mean()
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
@@ -317,7 +317,7 @@ Machine = TypeVar("Machine", bound=SixLegged)
 def from_settings(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
     """Build a machine from the settings of a TOML file; without a file, the built-in machine.
 
-    A machine without a name gets the name of the file. build: function that returns the machine from settings and a
+    A machine without a name gets the TOML file's name. build: function that returns the machine from settings and a
     file name for messages.
     """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")

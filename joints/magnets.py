@@ -128,7 +128,7 @@ class PreloadDesign:
 
 
 def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: MagnetSeat) -> PreloadDesign | None:
-    """Return a ring with as many magnets as fit at polar angle `angle`, rad; None for a ring beyond the socket."""
+    """Return a ring with as many magnets as fit at polar angle `angle`, rad; None if beyond the socket."""
     count = seat.fitting_count(magnet.diameter, angle)
     if count < 2 or angle + seat.half_width(magnet.diameter) > socket_angle + 1e-12:
         return None

@@ -210,7 +210,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
 
 
 KINDS = ("spherical", "universal")
-"""Kinds of joints that are a mechanism alone. The machines `hexapod` and `tau` of joints.hexapod have twelve joints."""
+"""Kinds of joints that are a mechanism alone. The machines `hexapod` and `tau` have twelve ball joints."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """Sections of a TOML file for `gpmodel joint design`."""

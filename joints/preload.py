@@ -1,7 +1,7 @@
 """Magnetic preload of a ball and socket, and the largest pull that it resists (thesis section 3.2).
 
 Frame: origin at the ball's centre, z along the socket's axis, out of the socket. The magnets pull the ball along -z,
-into the socket. Angles are measured from z; forces in N, lengths in m, angles in rad.
+into the socket. Angles are measured from the z axis; forces in N, lengths in m, angles in rad.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """The spherical air film: Reynolds' equation over the real gap, an improvement suggested in thesis section 4.4.1.
 
 Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t: radial clearance h0, axial
-displacement d of the ball from contact. The flow across the circle at t is Q = -(pi sin t h^3 / (6 mu)) dp/dt. The
-orifices are spread over their ring at phi. From the pole to the ring the film has the socket pressure.
+displacement d of the ball from contact. The flow across the circle at t is Q = -(pi sin t h^3 / (6 mu)) dp/dt. Orifices
+are spread over a ring at polar angle phi. Between the pole and the ring of orifices, the film has the socket pressure.
 
 Dynamics of a fed air film: compressible air in the gap and behind the orifices, linearised; pneumatic hammer.
 
@@ -71,8 +71,8 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
     """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
     load = 6 mu r^2 flow integral(sin t / h^3 dt) at ball radius r, gap h and polar angle t, in closed form; stiffnesses
-    follow from the derivative cos t of the gap with respect to the displacement of the ball. At constant inlet pressure
-    the orifices reduce the stiffness as in the flat film.
+    follow from the derivative cos t of the gap with respect to the displacement of the ball. At constant inlet
+    pressure, orifices reduce the film's stiffness as in the flat-plate film.
     """
     lift = positive("displacement", displacement, "m")
     weight = not_negative("load", load, "N")
@@ -94,7 +94,7 @@ def spherical_pressure(
     """Return the gauge pressure [Pa] of the film at polar angles `angle`, rad.
 
     The gauge pressure of incompressible air is linear in G, the integral of dt / (sin t h^3) from `angle` to the edge.
-    For isothermal air, the square of the absolute pressure is linear in G.
+    For isothermal air, the square of the absolute pressure is linear in the integral G.
     """
     share = _share(geometry, displacement, angle)
     socket = not_negative("socket pressure", socket_pressure, "Pa")
@@ -192,10 +192,10 @@ def lateral_stiffness(geometry: FilmGeometry, film: Film, orifice: Orifice | Non
     """Return the lateral stiffness [N/m] of an air film (lateral force per lateral displacement) at each axial
     displacement.
 
-    The stiffness is pi r² times the integral of p1 sin² t over the polar angle t, with ball radius r and p1 as below.
-    With an orifice the inlet pressure is constant; without one, the flow at each azimuth is constant. A lateral move x
-    of the ball changes the gap h(t) at azimuth f by -x sin t cos f, and the pressure p(t) by x p1(t) cos f to first
-    order. Reynolds' equation (incompressible) becomes
+    The stiffness is pi r² times the integral of p1 sin² t over the polar angle t, with ball radius r and pressure
+    change p1. With an orifice the inlet pressure is constant; without one, the flow at each azimuth is constant. A
+    lateral move x of the ball changes the gap h(t) at azimuth f by -x sin t cos f, and the pressure p(t) by x p1(t) cos
+    f to first order. Reynolds' equation (incompressible) becomes
 
         d/dt [ sin t (h³ p1' - 3 h² sin t p') ] - h³ p1 / sin t = -(6 mu / pi) N (dq/dp) p1  at the ring of the
         orifices,
@@ -353,8 +353,8 @@ def linearised_film(
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
     """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2): viscosity mu, angular frequency omega, ball radius
-    r, atmospheric pressure p_a, polar angle alpha and gap h of the socket's edge. Air escapes from the film if the
-    number is well below 1, and acts as a spring if it is well above 1."""
+    r, atmospheric pressure p_a, polar angle alpha and gap h of the socket's edge. Air escapes from the film at squeeze
+    numbers well below 1, and acts as a spring at numbers well above 1."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle
@@ -365,6 +365,6 @@ def squeeze_impedance(
     geometry: FilmGeometry, displacement: float, frequency: ArrayLike, cells: int = 400
 ) -> NDArray[np.complex128]:
     """Return the complex stiffness [N/m], force over displacement, of the unfed isothermal film at atmospheric
-    pressure. The imaginary part divided by the angular frequency is the damping of slow motion; the real part is the
-    spring of the trapped air."""
+    pressure. The stiffness's imaginary part over the angular frequency is the damping of slow motion; its real part is
+    the spring of the trapped air."""
     return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

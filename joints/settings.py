@@ -77,8 +77,8 @@ def quantity(text: Any, like: str, where: str) -> float:
 def load_settings(study: str, path: Path | None = None) -> Settings:
     """Return the settings of `study` in SI: values of the TOML file at `path`, or defaults in joints/data/<study>.toml.
 
-    A list of tables in the file replaces the default list. Raises InputError for an unreadable file, an unknown key, a
-    missing unit, or a dimension or type other than the default's.
+    A list of tables in the TOML file replaces the default list. Raises InputError for an unreadable file, an unknown
+    key, a missing unit, or a dimension or type other than the default's.
     """
     return laid_over(study, read_toml(path) if path else {}, path.name if path else f"{study}.toml")
 

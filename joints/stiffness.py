@@ -156,8 +156,8 @@ def fit_regimes(displacement: ArrayLike, force: ArrayLike) -> RegimeFit:
     """Fit a `RegimeCurve` to displacements [m] and tensions [N] by least squares.
 
     Peak force and stiffnesses are solved linearly for every trial of the three regime limits and the magnets'
-    stand-off. Limits and stand-off are searched on a grid over the range of the data and then refined. Raises
-    InputError below 12 rows.
+    stand-off. The regime limits and the stand-off are searched on a grid over the range of the data and then refined.
+    Raises InputError below 12 rows.
     """
     x, f = _sorted(displacement, force)
     limits = np.linspace(x[0], x[-1], _GRID + 2)[1:-1]

@@ -96,7 +96,7 @@ def load_mechanism(
     (robots.dh).
 
     frame: measured link (default: the last link of the arm); for several arms of a URDF, one link per arm, separated by
-    commas. For a TOML file with several arms the default is all arms.
+    commas. For a TOML file with several arms, the default `frame` is that of every arm.
     payload_com: centre of mass (3,) of a payload in the measured frame, m (default: its origin). Return None if no
     robot has the name, or if a .toml file describes a mechanism of another kind. Raises InputError if the file is
     missing or invalid, or the frame unknown.

@@ -164,8 +164,8 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
-    """Return mass [kg] and centre of mass (3,) [m] of all parts between a joint and the next joint of any chain. The
-    centre of mass is in the frame of the joint's child link. Joints outside all chains are at rest."""
+    """Return mass [kg] and centre of mass (3,) [m] of all parts between a joint and the next joint of any chain.
+    Centres of mass are in the frame of the joint's child link. Joints outside all chains are at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:

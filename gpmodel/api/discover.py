@@ -149,7 +149,7 @@ def discover(
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
     folds: number of folds of a cross-validation in place of `holdout`. The search uses all poses, and is repeated
     without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds with fewer than 150 poses.
-    seed: random seed of the evolution. Held-out poses, folds and permutations are independent of the seed.
+    seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on `seed`.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
     candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit:
     largest condition number of a fit; None: cross-validated. standard: patterns of the geometric constants to fit.

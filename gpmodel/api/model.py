@@ -225,7 +225,7 @@ class Model(Shown):
         """Return the names of effects that depend on row or time of the measurement session of the fit.
 
         session: include effects that end with the session: errors of the instrument, and drift of the set-up. With
-        False, only effects whose value at the end of the session remains valid.
+        False, list only effects whose value at the end of the session remains valid.
         """
         return tuple(e.name for e in session_effects(self.saved) if session or persists(e))
 

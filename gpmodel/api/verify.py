@@ -45,7 +45,7 @@ class RepairedModel(Shown):
 
     @property
     def more(self) -> pd.DataFrame | None:
-        """Number of further poses until the expected error is 1.2 times the error before the change; None above 30."""
+        """Table of further poses until the expected error is 1.2 times that before the change; None above 30 poses."""
         return None if self.found.more is None else _row(self.found.saved, self.found.more)
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -233,12 +233,12 @@ def verify_next(
     at n poses remains if later poses confirm it at the level of n poses. The check ends when a change is identified:
     one change is named and its rivals predict almost the same tool points, or twelve poses are measured. The check also
     ends when any change of a joint zero, tool, geometry or effect that moves the tool by more than the tolerance
-    would be detected with probability 0.9, and no change is more probable than none. Without a tolerance, twice the
-    expected error of the model is the limit. The proposed pose is the pose of the fit at which the possible causes
+    would be detected with probability 0.9, and no change is more probable than none. The default tolerance is twice the
+    expected error of the model. The proposed pose is the pose of the fit at which the possible causes
     differ most; before a change is named, the pose most sensitive to the most probable or the least determined change.
     If a change is identified, `repaired` is the model refitted to the poses of the check. The prior of the refit is the
-    former model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are
-    further poses that the refit needs.
+    former model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` is the
+    table of further poses that the refit needs.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
     poses, a pose far from the others is proposed. Raises InputError as `verify` does, and if the model does not contain

@@ -247,8 +247,8 @@ def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Altern
 def session_inputs(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
-    An effect on the instrument has the input "instrument". Other effects have their inputs without joint values, the
-    point and computed loads.
+    An effect on the instrument has the input "instrument". Of other effects, the inputs other than joint values, the
+    point and computed loads count.
     """
     if any(INSTRUMENT in effect.slots for effect in effects):
         return (INSTRUMENT,)

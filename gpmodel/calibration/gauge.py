@@ -78,9 +78,9 @@ def choose(
     alone. Constant effects are ranked in `inclusion_order` by their nominal columns, because with a fitted error of a
     milliradian two parallel axes would appear distinguishable. Of the trial condition limits with a cross-validated
     error within one standard error of the smallest, the limit with the most constants is selected, so that tables of
-    one machine fit equal constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
-    LIMIT_OF_FEW, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a unique share
-    of 0.001; effects with a prior are always fitted.
+    one machine fit equal constants. If no measurement determines the scale, the condition limit is 5000, or at most 200
+    for few measurements, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a
+    unique share of 0.001; effects with a prior are always fitted.
     Raises InputError for fewer measurements than unknowns, or for a single fold.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)

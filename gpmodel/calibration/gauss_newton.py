@@ -85,7 +85,7 @@ def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Place
     """Return the displacement of each measurement by the instrument's effects, which have the indices `own` in the
     model.
 
-    The displacement is the difference of predictions with and without the effects.
+    The instrument's displacement is the difference of predictions with and without its effects.
     """
     if problem.reduced is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -221,7 +221,7 @@ def _fit(
 ) -> Calibration:
     """Choose the effects to fit, fit them, weigh kinds of measurements and exclude outliers, until both are settled.
 
-    If outliers prevent convergence, the next fit without the outliers begins again from the initial values.
+    If outliers prevent convergence, the next fit without outliers begins again from the initial values.
     """
     origin = theta, placement
     fitted = Fitted(placement, theta, fitting.at(theta, placement), "converged")

@@ -95,7 +95,7 @@ CORRECTIONS = 2
 valley, which nearly equivalent parameters (twist, offset and tool) cause, a straight step is too short."""
 RESCALED, SCALE_SETTLED = 5, 1e-3
 """Largest number of solutions of one linear problem, and relative change of its residual that leaves the scale of the
-priors. A solution takes a tenth of the time of new derivatives."""
+priors. Solving takes a tenth of the time of new derivatives."""
 NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
 next step reuses the derivatives. With residuals of 0.1 mm, the fit changes by less than a nanometre."""
@@ -244,7 +244,7 @@ def iterate(
 
 
 def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _Step:
-    """Return the Gauss-Newton step. With many parameters, the residual after the step scales the priors."""
+    """Return the Gauss-Newton step. If the model has many parameters, the residual after the step scales the priors."""
     problem, model = here.problem, fitting.model
     for _ in range(RESCALED):
         linear = linear_step(model, problem, here.theta, here.placement, kept, gram)

@@ -1,8 +1,8 @@
 """Scale of a mechanism that touches and relative measurements leave undetermined.
 
 If all lengths of a mechanism, its tool and the positions of the touched bodies are scaled by one factor, no touch
-changes. The calibration nearest to the nominal geometry is then selected. A bar, a ball of known diameter, an artefact
-or measured coordinates determine the scale.
+changes. If touches alone are measured, the calibration nearest to the nominal geometry is selected. A bar, a ball of
+known diameter, an artefact or measured coordinates determine the scale.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ nominal values by their prior. With a lower limit, nearly redundant combinations
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
-mrad for links and joint zeros. With ten times this prior, touches of a two-armed robot made the robot 8 % larger. With
-half or double the prior standard deviation, the constants that the measurements determine do not change."""
+mrad for links and joint zeros. With a prior of ten times TOLERANCE, touches of a two-armed robot made it 8 % larger.
+With half or double the prior standard deviation, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
 """Grid of the standard deviation of constants about their nominal values, m and rad: smallest (machined parts), largest
 (lost joint zeros), and number of values."""

@@ -18,8 +18,8 @@ from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
-"""Prior standard deviation of a tool point, m from the flange. The prior matters only if the poses do not determine the
-tool point."""
+"""Prior standard deviation of a tool point, m from the flange. The prior of a tool point matters only if the poses do
+not determine the tool point."""
 
 GEOMETRY_REACH = 0.01
 """Prior standard deviation of a geometric constant about its nominal value, m or rad. The prior matters only if the
@@ -68,7 +68,7 @@ def _explained(
 ) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return L⁻¹ with A Aᵀ = L Lᵀ, where A maps all constants to fitted constants, and three arguments of `spread`.
 
-    The arguments are the columns of the fitted constants in units of their prior, the measurements, and the columns of
+    Arguments of `spread` are columns of the fitted constants in units of their prior, measurements, and columns of
     registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(nominal_constants(model)), at)
@@ -86,7 +86,7 @@ def _explained(
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     """Return left and right side of the prior p σ / TOOL_REACH = 0 of every tool point p, m, with σ the noise, m.
 
-    Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
+    Without a prior, the tool point of a table with few moving joints can drift by kilometres without changing the
     fit. The prior rows of tool points are in the axes of the tool.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))

@@ -23,7 +23,7 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation of two parameters above which the report calls the parameters interchangeable. At this correlation, a
+"""Correlation of two parameters above which the report calls the parameters interchangeable. At a correlation of 0.8, a
 standard error is 1.7 times as large as if the other parameter were known."""
 
 

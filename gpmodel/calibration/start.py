@@ -74,7 +74,7 @@ START_POSES = 400
 
 TOOL_PULL = 1e-4
 """Penalty on the distance of the tool point from the flange, m of error per m. The penalty matters only if the poses do
-not determine the tool."""
+not determine the tool point."""
 
 GOOD_START = 1e-4
 """RMS error, m, of initial values below which no further initial values are tried. Poses in one plane have a mirrored

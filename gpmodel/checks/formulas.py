@@ -53,7 +53,7 @@ def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Readi
 def _changes(mechanism: Mechanism) -> list[tuple[int, Array]]:
     """Return elementary changes: the index of a joint, and its new value as factors of all joints and a constant, deg.
 
-    An elementary change is another sign and zero, or the sum or difference with a neighbour.
+    An elementary change is another sign and zero of a joint, or its sum or difference with a neighbouring joint.
     """
     count = len(mechanism.joints)
     turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]

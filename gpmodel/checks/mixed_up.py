@@ -46,7 +46,7 @@ GOOD_SHARE = 0.05
 """Largest residual of a correct interpretation of table columns, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
 """Residual, as a share of the points' spread and in m, from which a table without a fitting interpretation is refused.
-No working robot has errors as large."""
+No working robot has errors of 3 cm or a tenth of the spread."""
 FEWEST_ROWS, MOST_ROWS, MOST_IN_ORDER = 6, 60, 400
 """Least and largest number of poses to compare interpretations of columns: with fewer than six poses all fit, more than
 sixty add no information. Largest number of consecutive rows in which a lost row is searched."""
@@ -149,7 +149,7 @@ def comparable_rows(data: Dataset) -> IntArray:
 def typical_rows(frames: Array, position: Array) -> tuple[IntArray, Array]:
     """Return the indices of the poses except the worst, and the error of every pose, m, by a fit without the worst.
 
-    Gross errors of single poses do not indicate exchanged columns.
+    Gross errors of single poses are no sign of exchanged columns.
     """
     most = np.arange(len(frames))
     for _ in range(3):

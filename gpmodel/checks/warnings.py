@@ -213,8 +213,8 @@ def orientation_left(fit: Calibration, poses: Poses) -> float:
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield one sentence for each geometric parameter that is farther from the description than any machine is built.
 
-    A calibration holds some of several equivalent parameters at zero, and the others absorb the errors. With two
-    parallel joints 0.1 m apart, an error of 1 mm becomes one of 10 mrad. Parameters are therefore tested at those
+    Of equivalent parameters, a calibration holds some at zero, and the other parameters absorb the errors. With two
+    parallel joints 0.1 m apart, an error of 1 mm becomes an error of 10 mrad. Parameters are therefore tested at those
     equivalent values that have the least sum of squares, in mm and mrad.
     """
     solved = _least(fit, poses)
@@ -285,8 +285,8 @@ def _repeats(data: Dataset) -> Iterator[str]:
 
 
 FROZEN = 3
-"""Least number of poses with an identical position that indicates a lost target. Two positions with few digits may
-agree by chance."""
+"""Least number of poses with an identical position that indicates a lost target. Two measured positions with few digits
+may agree by chance."""
 
 
 def _frozen(data: Dataset) -> Iterator[str]:

@@ -94,9 +94,9 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 
 
 WEAK = 10.0
-"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below the ratio a wrong
-interpretation of a joint's column does not increase the residual. The residual of a column with a wrong sign is about
-twice the motion by the joint."""
+"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. With a smaller ratio a
+wrong interpretation of a joint's column does not increase the residual. The residual of a column with a wrong sign is
+about twice the motion by the joint."""
 NOT_WORSE = 1.2
 """Largest ratio of the residual of registration and tool with other columns to the residual of the present columns."""
 BETTER, SURE = 1.5, 25.0
@@ -107,7 +107,7 @@ gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; n
 def misread_column(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
     """Describe the column of a joint that hardly moves the point, if other values or free angles fit far better.
 
-    The residual of registration and tool is larger than the effect of the column. Original and alternative column are
+    The residual of registration and tool alone exceeds the effect of such a column. Original and alternative column are
     therefore fitted with the standard model and compared by the likelihood, with equal numbers of unknowns.
     """
     rows = comparable_rows(data)

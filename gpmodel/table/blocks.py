@@ -16,8 +16,8 @@ SAME_JOINT = 5e-4
 plus the motion of a servo at rest (0.02 deg)."""
 
 NEAR = 5.0
-"""Largest distance of neighbouring poses in a cluster, relative to the median distance to the nearest pose. For ten or
-twenty poses in a small box the ratio is three to five."""
+"""Largest distance of neighbouring poses in a cluster, relative to the median distance to the nearest pose. With ten or
+twenty poses in a small box, the ratio to the median distance is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
@@ -203,7 +203,7 @@ def _clusters(q: Array) -> IntArray:
     Joint values are scaled by their ranges; r is five times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
     of pairs doubles. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all poses,
-    no clusters are reported. Repeats of a pose count as one pose.
+    poses count as unclustered. Repeats of a pose count as one pose.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)
