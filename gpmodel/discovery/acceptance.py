@@ -76,7 +76,7 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Delete candidate effects that fail a test given all others; a pass deletes the weaker half that fails.
+    """Delete candidate effects that fail a test given all others, in each pass the weaker half of the failing ones.
 
     judge: function that tests each candidate given all others. fit: function that calibrates with candidates, starting
     from an earlier fit. Returns the last test result of each candidate, and the calibration with the accepted

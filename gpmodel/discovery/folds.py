@@ -1,8 +1,8 @@
 """Run the whole search on all poses, and measure its errors by repeating the search without each fold.
 
-With few poses, a fixed set of held-out poses costs more accuracy than it proves. Therefore each pose is held out once:
-the findings come from all poses, and the errors from repetitions of the search without each fold. Source: Stone (1974),
-cross-validatory choice and assessment of statistical predictions.
+With few poses, a fixed set of held-out poses costs more accuracy than the set proves. Therefore each pose is held out
+once: the findings come from all poses, and the errors from repetitions of the search without each fold. Source: Stone
+(1974), cross-validatory choice and assessment of statistical predictions.
 """
 
 import time

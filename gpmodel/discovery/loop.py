@@ -100,7 +100,7 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the search on sampled rows; return a function that fits findings to all training rows, and why it ended."""
+    """Search on sampled rows; return a function that fits findings to all training rows, and why the search ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)

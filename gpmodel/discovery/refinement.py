@@ -138,7 +138,7 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
 def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
     """Compute the likelihood profile of the row of an event; None for a candidate without an event.
 
-    Rows are added on both sides until both ends are outside the interval. residual: residual without the candidate.
+    Rows are added until both end rows are outside the confidence interval. residual: residual without the candidate.
     """
     event = next((c for c in inner.constants if c.whole), None)
     if event is None:
@@ -205,8 +205,8 @@ STEP = 1e-3
 """Step, relative to the constant, of the central difference by a constant inside a formula."""
 
 OWN = 0.005
-"""Least unique share of the derivative with respect to a constant in a formula; a scale only rescales the coefficient.
-Difference quotients approximate derivatives to a tenth of this share."""
+"""Least unique share of the derivative with respect to a constant in a formula; a pure scale only rescales the
+coefficient. Difference quotients approximate derivatives to a tenth of this share."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change, which alters the formula by 30 % RMS; larger ones are not linear."""

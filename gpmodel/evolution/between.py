@@ -18,7 +18,7 @@ more point per input lies between the row and the row with the next value of the
 neighbours."""
 EXPLODED = 2.0
 """Ratio of a part of a formula between rows to its largest value at the rows, above which the formula counts as
-exploded. For a linear part the ratio is below 1; at a pole between the rows about NEIGHBOURS."""
+exploded. A linear part has a ratio below 1, a part with a pole between the rows about NEIGHBOURS."""
 HALVINGS = 40
 """Number of bisections that locate a zero of a part of a formula, to 1e-12 of the distance between two rows."""
 CROSSED = 16

@@ -1,5 +1,5 @@
-"""Histogram of the inputs that evolved programs reference (thesis Figs 5.9, 5.12, 5.13), over many runs, compared with
-runs on permuted residuals."""
+"""Histogram of the inputs that evolved programs reference (Robertson 2003, Figs 5.9, 5.12, 5.13), over many runs,
+compared with runs on permuted residuals."""
 
 import math
 from collections.abc import Mapping, Sequence

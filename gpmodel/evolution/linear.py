@@ -1,6 +1,6 @@
 """Linear sequence: a program that is a fixed-length array of operators and operands for an accumulator machine.
 
-Source: thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An
+Source: Robertson (2003), 5.2.2, Table 5.1, Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An
 operator at the very end that lacks its operand is dropped.
 """
 
@@ -29,7 +29,7 @@ class Linear:
     registers, outputs: number of registers; number of registers whose final values are basis functions.
     start_inputs: whether registers start with the inputs in turn rather than with 0.
     direct: whether binary operators may take an input or constant as well as a register.
-    crossover, mutation: rates per gene (Fig 5.3 of the thesis).
+    crossover, mutation: rates per gene (Robertson 2003, Fig 5.3).
     Raises InputError for a value out of range.
     """
 
@@ -80,8 +80,8 @@ class Linear:
         self, layout: Layout, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp],
         rng: np.random.Generator,
     ) -> "Sequences":  # fmt: skip
-        """Return child programs (thesis, Fig 5.3). While a child is copied, each element switches to the other parent
-        at rate ``crossover`` and is replaced by a random element at rate ``mutation``."""
+        """Return child programs (Robertson 2003, Fig 5.3). While a child is copied, each element switches to the other
+        parent at rate ``crossover`` and is replaced by a random element at rate ``mutation``."""
         assert isinstance(parents, Sequences), "sequences are bred from sequences"
         from gpmodel.evolution.kernels.breeding import breed_sequences
 

@@ -153,7 +153,7 @@ def shortened(population: Formulas) -> None:
 
 
 def _promising(problem: SlotProblem, one: Solution, most: float) -> Iterator[Program]:
-    """Yield the shorter forms of a formula whose net gain would exceed `most`, nats, with the gain of the formula."""
+    """Yield the shorter forms of a formula whose net gain would exceed `most`, nats, at the gain of the formula."""
     for shorter in shorter_forms(one.program):
         if problem.nats(one.gain, description_size(shorter) + len(one.coefficients)) > most:
             yield shorter

@@ -68,7 +68,7 @@ class Inputs:
 class CartesianProblem:
     """Search for a compensator as in thesis Fig 5.2: its outputs r0, r1, r2 approximate measured points (3, poses).
 
-    norm: "max" (Fig 5.5) or "rms" of the distances over the poses.
+    norm: "max" (Robertson 2003, Fig 5.5) or "rms" of the distances over the poses.
     inputs: the inputs x, y, z are the points of the model in the unit of ``measured``; the registers start with them.
     parsimony: penalty of a node in the unit of ``measured``.
     The gain of a program is the share of the norm that the program removes. Raises InputError if x, y or z is missing

@@ -31,7 +31,7 @@ class SelectionScheme(Protocol):
 
 @dataclass(frozen=True)
 class Truncation:
-    """Parents are drawn from the best ``share`` of programs (thesis: 5 %); children replace the population."""
+    """Parents are drawn from the best ``share`` of programs (Robertson 2003: 5 %); children replace the population."""
 
     share: float = 0.05
 
@@ -119,6 +119,6 @@ class Settings:
 
 
 def thesis_settings(representation: Representation, population: int = 65536, generations: int = 100) -> Settings:
-    """Return the settings of thesis section 5.2.2: the best 5 % have children, no restart."""
+    """Return the settings of Robertson (2003), 5.2.2: the best 5 % have children, no restart."""
     budget = Budget(population, generations, seconds=1e9, restart_after=0)
     return Settings(representation, Truncation(0.05), budget)

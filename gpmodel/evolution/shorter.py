@@ -101,5 +101,5 @@ def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterat
 
 
 def scaled_in(operator: str, scale: float, inner: int, builder: Builder, copies: list[int]) -> int:
-    """Add an operator of a node times a number."""
+    """Add to a builder an operator applied to a node times a number."""
     return builder.apply(operator, builder.apply("multiply", builder.constant(scale), copies[inner]))

@@ -1,4 +1,4 @@
-"""Settings of programs that are binary trees (thesis section 5.2.2)."""
+"""Settings of programs that are binary trees (Robertson 2003, section 5.2.2)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -43,7 +43,7 @@ class Tree:
 
     @staticmethod
     def thesis() -> "Tree":
-        """Return the settings of section 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
+        """Return the settings of Robertson (2003), 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
         return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
     def layout(self, inputs: Inputs, start: tuple[str, ...]) -> Layout:

@@ -1,4 +1,4 @@
-"""Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by the library DEAP.
+"""Creation and variation of trees (Robertson 2003, 5.2.2, Fig 5.6), by the library DEAP.
 
 DEAP uses Python's global random generator, which other threads may use too. Every call in this module replaces the
 global generator by one seeded from the given NumPy generator. Kinds of quantities are enforced when a program is

@@ -238,7 +238,7 @@ def mass_at_tool(
     """Return the displacement, m and rad per kg, that additional mass at the tool causes by a model's compliances.
 
     effects, theta: effects of the model and their values. com: centre of the mass in the measured frame, m; None for
-    the payload's. A model without a compliance or known masses gives None.
+    that of the payload. A model without a compliance or known masses gives None.
     """
     loads, mass, terms = _unit_loads(states), _mass(mechanism, com), []
     for effect, value in zip(effects, theta.tolist(), strict=True):

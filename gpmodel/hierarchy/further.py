@@ -143,7 +143,7 @@ class Further:
         return message
 
     def in_words(self, poses: Poses) -> str:
-        """State how many poses the type's prior is worth, and the effects in which a machine of the type deviates."""
+        """State how many poses the type's prior replaces, and the effects in which a machine of the type deviates."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.individual is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"

@@ -35,7 +35,7 @@ SMALLEST_SPREAD = 1e-9
 
 NEIGHBOURS = 5
 """Number of nearest poses that are compared with an outlier. If every fiftieth pose is an outlier at random, three of
-five neighbours are with a probability of 1e-4."""
+five neighbours are outliers with a probability of 1e-4."""
 
 ALIKE = 0.5
 """Least cosine of two error vectors that count as of one direction; a quarter of random pairs have a larger cosine."""

@@ -1,4 +1,4 @@
-"""Crossover and mutation of linear sequences (thesis Fig 5.3), with one random stream per child."""
+"""Crossover and mutation of linear sequences (Robertson 2003, Fig 5.3), with one random stream per child."""
 
 import math
 
