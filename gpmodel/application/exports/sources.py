@@ -60,6 +60,7 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
         "ASKED": 6 if np.any(forward.chain.weights, axis=0).sum() >= 6 else 3, "LENGTH": ROTATION_WEIGHT,
         "FIXED": _braces(forward.chain.fixed.tolist()), "AXES": _braces([axis for axis, _ in moves]),
         "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
+        "SLIDES": _braces([int(joint.kind == "prismatic") for joint in forward.saved.mechanism.joints]),
         "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
         "GRAVITY": _braces(forward.gravity.tolist()),
         "REGISTRATION": _braces(registration), "TOOL": _braces(tool),
@@ -76,7 +77,8 @@ def _said(forward: Forward, note: str) -> dict[str, object]:
     units = zip(input_names(forward), forward.inputs.values(), strict=True)
     inputs = ", ".join(harmless(f"{name} [{unit}]") for name, unit in units)
     joints = ", ".join(map(harmless, forward.saved.columns))
-    return {"NOTE": harmless(note), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE}
+    far = f"{MAX_MOVE * ROTATION_WEIGHT:.4g}"
+    return {"NOTE": harmless(note), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE, "FAR": far}
 
 
 def nameless(forward: Forward) -> Forward:
