@@ -7,7 +7,7 @@ import pandas as pd
 
 from gpmodel.api.table import Shown
 from gpmodel.application.exports.make import Exports
-from gpmodel.files import finished_folder, write_text
+from gpmodel.files import as_write_error, finished_folder, write_text
 from gpmodel.report.fitted import optional
 from gpmodel.report.schema import ExportRecord
 from gpmodel.wording import wrapped
@@ -63,6 +63,13 @@ class ExportsResult(Shown):
         """Write calibrated.urdf and the folder exports/ into `folder`; on an error nothing is written."""
         with finished_folder(Path(folder)) as draft:
             self.write(draft)
+        self.remove_refused(Path(folder))
+
+    def remove_refused(self, folder: Path) -> None:
+        """Remove exported files of an earlier model in `folder` that this model does not allow."""
+        for file in self.exports.refused:
+            with as_write_error(folder / file):
+                (folder / file).unlink(missing_ok=True)
 
     def write(self, folder: Path) -> None:
         """Write the exported files into an existing folder."""

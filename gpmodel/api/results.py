@@ -67,6 +67,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
         drawings, _ = draw_during(pictures(record), draft, partial(save_model, model, draft), workers)
         write_pages(replace(record, exports=exports.records), drawings, draft)
         exports.write(draft)
+    exports.remove_refused(path)
 
 
 def write_numbers(record: Report, model: Model, folder: Path) -> None:

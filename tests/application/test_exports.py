@@ -108,6 +108,18 @@ def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_mis
         assert source.largest < largest
 
 
+@pytest.mark.parametrize("by", some(["a fit", "export"], "export"))
+def test_no_file_of_an_earlier_model_is_left_among_the_exports(by: str, tmp_path: Path) -> None:
+    mechanism, made = robot(30, name="irb6400r")
+    old = tmp_path / "exports" / "ur_kinematics.yaml"
+    old.parent.mkdir()
+    old.write_text("kinematics: {}")
+    fit = calibrate(mechanism, made.dataset)
+    fit.report(tmp_path) if by == "a fit" else fit.model.export().report(tmp_path)
+    assert (tmp_path / "exports" / "model.py").exists()
+    assert not old.exists()
+
+
 def test_the_numpy_source_is_the_model(model: Model, exports: Exports) -> None:
     text = next(e.text for e in exports.files if e.file == "exports/model.py")
     module = types.ModuleType("exported")
