@@ -112,9 +112,33 @@ def _selected(
         taken.append(tried[best])
         if chosen.of_a_frame:
             tried = [change for change in tried if not change.of_a_frame]
+    left = _without_chance_changes(found, out, taken, left, significance)
     nats = log_likelihood(found, found.chi_square - left.chi_square)
     nats += sum(float(np.log(c.share)) - 0.5 * c.columns.shape[1] * float(np.log(found.degrees)) for c in taken)
     return nats, tuple(_resized(found, out, taken)), left
+
+
+def _without_chance_changes(
+    found: Recheck, named: list[NamedChange], chosen: list[PossibleChange], left: Recheck, significance: float
+) -> Recheck:
+    """Delete the identified changes that noise larger than that of the fit explains, and return the residual without
+    the others.
+
+    If all changes leave a significant residual, σ of the fit is too small for the later measurement. Then the test of
+    each change, given the others, takes the noise from the remaining residual; the least significant is deleted first.
+    """
+    while chosen and left.chance < significance:
+        spans = [_explained_columns(change, found) for change in chosen]
+        others = [
+            found.without(np.hstack([found.basis[:, :0], *spans[:k], *spans[k + 1 :]])) for k in range(len(spans))
+        ]
+        chances = [c.beside(rest).chance_beside(left, rest.z) / c.share for c, rest in zip(chosen, others, strict=True)]
+        worst = int(np.argmax(chances))
+        if chances[worst] < significance:
+            break
+        left = others[worst]
+        del named[worst], chosen[worst]
+    return left
 
 
 def _explained_columns(change: PossibleChange, left: Recheck) -> Array:

@@ -100,6 +100,25 @@ class PossibleChange:
         explained, numbers = self.explained(left.z)
         return log_likelihood(left, explained) + float(np.log(self.share) - 0.5 * numbers * np.log(left.degrees))
 
+    def chance_beside(self, left: Recheck, z: Array) -> float:
+        """Return the probability that noise like the residual `left` makes the change as large as fitted to z.
+
+        The noise may differ between poses and directions: with u the orthonormal columns of the change and e the
+        residual, the covariance of the fitted parameters uᵀz is Σ (uᵀe)(uᵀe)ᵀ over the poses (Liang and Zeger 1986).
+        """
+        u, poses = self._parts[0], len(np.unique(left.pose))
+        numbers = u.shape[1]
+        if not 0 < numbers < poses:
+            return 1.0
+        of_pose = np.stack([np.bincount(left.pose, column * left.z) for column in u.T], axis=1)
+        covariance = of_pose.T @ of_pose * poses / (poses - numbers)
+        part = u.T @ z
+        ratio = min(
+            float(part @ np.linalg.pinv(covariance, hermitian=True) @ part),
+            float(part @ part) * left.degrees / left.chi_square,
+        )
+        return chance_of_ratio(ratio / numbers, numbers, poses - numbers)
+
     def part_of(self, z: Array) -> Array:
         """Return the part of the whitened residual z that the change explains."""
         return z - rank.remove(self._parts[0], z)
@@ -211,15 +230,18 @@ def _carried(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _sizes(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield the size of each effect of the model as a possible change, and of a sine and cosine amplitude and phase."""
     model, theta = found.session.saved.model, found.session.saved.theta
     groups: dict[str, list[int]] = {}
     for k, effect in enumerate(model.effects):
         if not effect.constant and theta[k]:
             groups.setdefault(without_phase(effect.name), []).append(k)
     for name, at in groups.items():
-        raw = found.problem.effect_rows([model.effects[k] for k in at], model) @ theta[at]
+        raw, unit = found.problem.effect_rows([model.effects[k] for k in at], model), model.effects[at[0]].unit
         columns = tuple(found.problem.placement + k for k in at)
-        yield PossibleChange(name, "size", "1", raw[:, None], at=columns)
+        yield PossibleChange(name, "size", "1", raw @ theta[at, None], at=columns)
+        if len(at) > 1 and name != model.effects[at[0]].name:
+            yield PossibleChange(f"amplitude and phase of {name}", "catalogue", unit, raw, at=columns)
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:

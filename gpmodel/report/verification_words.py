@@ -60,6 +60,7 @@ def sentences(record: Verification) -> Iterator[str]:
     lasting = [found for found in record.changes if found.kind != SET_UP]
     only_tool = record.explained and lasting and all(f.kind == "tool" or f.name.startswith(SLIPPED) for f in lasting)
     drifted = "The tool or its load has changed, not the machine" if only_tool else "The machine has drifted"
+    drifted = drifted if record.changes else "The model does not hold"
     answer = {"holds": "The model holds", "drifted": drifted}.get(
         record.verdict, "This is another machine, or many parts of the machine have changed"
     )
@@ -72,7 +73,8 @@ def sentences(record: Verification) -> Iterator[str]:
         explains = "This change explains" if len(lasting) == 1 else "These changes explain"
         yield f"{explains} the error; nothing else has changed."
     if record.verdict == "drifted" and not record.changes:
-        yield "No single change explains it."
+        noise = wording.significant(math.sqrt(record.chi_square / record.degrees), 2)
+        yield f"No single change explains it; a noise of the measurement {noise} times that of the fit does."
     if record.verdict == "another machine" and (record.without.rms_mm or 0.0) > LOST:
         yield (
             "The nominal geometry does not fit either: check the units, the order of the joints and the type "

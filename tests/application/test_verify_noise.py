@@ -1,0 +1,42 @@
+"""Test that noise of a later measurement is no change of the machine, and that a wave whose phase changed is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli_cases import robot
+from verify_cases import NOISE, fitted_robot, placed_anew, read_later
+
+import gpmodel as gp
+from gpmodel.mechanism.branches import random_poses
+from gpmodel.report.verification_words import verdict
+
+
+@pytest.mark.parametrize(("times", "joint"), [(3.0, 0.0), (6.0, 0.0), (1.0, 5e-5), (1.0, 1e-4)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_larger_noise_of_a_later_measurement_is_no_change_of_the_machine(times: float, joint: float, seed: int) -> None:
+    """times: noise of positions, relative to that of the fit. joint: random error of the second joint, rad."""
+    model, made = fitted_robot()
+    rng = np.random.default_rng(seed)
+    q = random_poses(made.model.mechanism, 30, rng)
+    off = np.zeros_like(q)
+    off[:, 1] = rng.normal(0.0, joint, len(q))
+    table = read_later(made, q + off, placed_anew(made, rng), rng, noise=times * NOISE)
+    found = model.verify(replace(table, q=q))
+    assert not found.record.changes
+    said = verdict(found.record)
+    assert "drifted" not in said
+    assert "times that of the fit" in said
+
+
+def test_a_wave_whose_phase_changed_is_one_change() -> None:
+    arm, made = robot(80, seed=3, noise=NOISE, effects=("eccentricity J2=4e-4 rad",))
+    waves = [k for k, effect in enumerate(made.model.effects) if "eccentricity" in effect.name]
+    model, rng = gp.calibrate(arm, made.dataset, ["eccentricity J2"], holdout=0.0).model, np.random.default_rng(5)
+    turned = made.theta.copy()
+    turned[waves] = made.theta[waves] @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    now = replace(made, theta=turned)
+    found = model.verify(read_later(now, random_poses(arm, 30, rng), placed_anew(made, rng), rng))
+    (change,) = found.record.changes
+    assert "phase of eccentricity" in change.name
+    assert change.value == pytest.approx(np.linalg.norm(turned - made.theta), abs=3 * change.stderr)
