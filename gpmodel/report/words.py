@@ -1,6 +1,7 @@
 """Write sentences for reports: on noise floor, confirmation, causes, tests of inputs, sites."""
 
 import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -238,7 +239,7 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
     if effect.kind == "curve":
         return ((f"RMS of {wording.shortened(basis, 160)}", ", ".join(places)),)
     if effect.kind != "single" or len(places) == 1:
-        return ((f"× {wording.shortened(basis, 160)}", ", ".join(places)),)
+        return ((f"× {wording.shortened(_times(1.0, basis), 160)}", ", ".join(places)),)
     return tuple((f"× {_times(t.weight, wording.expression(t.basis))}", f"{t.slot} {t.axis}") for t in effect.terms)
 
 
@@ -254,12 +255,19 @@ def constants(effect: EffectRecord) -> tuple[str, ...]:
     return tuple(out)
 
 
+_INNERMOST = re.compile(r"\([^()]*\)")
+"""Text in parentheses without further parentheses."""
+
+
 def _times(weight: float, basis: str) -> str:
     """Write a basis function times its weight, with a sum in parentheses: `0.45·(temperature − 20)`."""
+    outer = basis
+    while (bare := _INNERMOST.sub("", outer)) != outer:
+        outer = bare
+    factors = f"({basis})" if any(sign in outer for sign in (" + ", " - ", " \N{MINUS SIGN} ")) else basis
     if weight == 1.0:
-        return basis
-    factor = "\N{MINUS SIGN}" if weight == -1.0 else f"{wording.minus(wording.significant(weight, 3))}·"
-    return f"{factor}({basis})" if any(sign in basis for sign in (" + ", " - ", " \N{MINUS SIGN} ")) else factor + basis
+        return factors
+    return ("\N{MINUS SIGN}" if weight == -1.0 else f"{wording.minus(wording.significant(weight, 3))}·") + factors
 
 
 def input_tests(histogram: Histogram) -> Iterator[str]:

@@ -135,11 +135,14 @@ def test_genetic_programming_is_named_only_where_a_program_was_evolved(maker: st
 @pytest.mark.parametrize(
     ("weight", "basis", "said"),
     [(0.45, "temperature - 20", "0.450·(temperature \N{MINUS SIGN} 20)"), (-1.0, "J1 + J2", "\N{MINUS SIGN}(J1 + J2)"),
-     (1.0, "temperature - 20", "temperature \N{MINUS SIGN} 20"), (-1.0, "J2", "\N{MINUS SIGN}J2")],
+     (1.0, "temperature - 20", "(temperature \N{MINUS SIGN} 20)"), (-1.0, "J2", "\N{MINUS SIGN}J2"),
+     (1.0, "sin(J1 + (2))", "sin(J1 + (2))")],
 )  # fmt: skip
 def test_a_weight_multiplies_the_whole_basis_function(weight: float, basis: str, said: str) -> None:
     terms = (TermRecord("J1.moving", "Tx", basis, weight), TermRecord("J2.moving", "Tx", basis, 0.3))
     assert written(EffectRecord("growth", "J1.moving", "Tx", basis, terms=terms))[0][0] == f"× {said}"
+    if weight == 1.0:
+        assert written(EffectRecord("drift", "J1.moving", "Tx", basis, terms=terms[:1]))[0][0] == f"× {said}"
 
 
 @pytest.mark.parametrize(("value", "stderr", "stated"), [
