@@ -91,7 +91,7 @@ def unit(vectors: Array) -> Array:
 
 
 def axes_along(directions: Array) -> Array:
-    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). A unit vector
+    """Return the smallest rotations (..., 3, 3) that turn the z axis onto unit vectors (..., 3). A unit vector
     along -z has no smallest rotation and is not allowed."""
     v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
     turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)

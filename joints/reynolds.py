@@ -123,7 +123,7 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
 
 
 def _isothermal(socket: Array | float, share: Array) -> Array:
-    """Return the gauge pressure [Pa] of isothermal air from incompressible air's, socket pressure times `share`."""
+    """Return the gauge pressure [Pa] of isothermal air. share: pressure of incompressible air over socket pressure."""
     squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
     return np.asarray(np.sqrt(squared) - ATMOSPHERE)
 

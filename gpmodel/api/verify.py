@@ -45,7 +45,7 @@ class RepairedModel(Shown):
 
     @property
     def more(self) -> pd.DataFrame | None:
-        """Table of further poses until the expected error is 1.2 times that before the change; None above 30 poses."""
+        """Table of at most 30 poses to measure, after which the expected error is 1.2 times the old one; else None."""
         return None if self.found.more is None else _row(self.found.saved, self.found.more)
 
     def to_dataframe(self) -> pd.DataFrame:

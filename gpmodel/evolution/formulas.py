@@ -55,7 +55,7 @@ def formulas_at(
     """Return the Pareto front of formulas of one term at a site, in gain, nodes and length of the text, shortest first.
 
     names: names of the formula's inputs. A third input of the problem is added to two inputs if the third input lowers
-    the description length much more. Of more than three inputs the three with the best structure are used.
+    the description length much more. Of more inputs the three of least residual variance remain.
     generations: largest number of generations; with 0 the founders (first formulas) are only shortened.
     ``problem.nats(formula.gain, formula.complexity + 1)`` is the net gain of a formula in nats, with its coefficient
     solved. The result depends on the arguments only. Raises InputError for an unknown input.

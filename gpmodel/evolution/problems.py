@@ -115,8 +115,8 @@ class CartesianProblem:
         return replace(self, measured=model + error)
 
     def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
-        """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm. fixed:
-        values (rows, poses) of inputs and constants. A program's score above ``cutoff`` may be infinite."""
+        """Return the scores of decoded programs: norm of the residual + parsimony * nodes. The gain of a program is 1 -
+        norm / initial norm. fixed: values (rows, poses) of inputs and constants. Scores above ``cutoff`` may be inf."""
         from gpmodel.evolution.kernels.batch import sizes_by_outputs
 
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)

@@ -55,7 +55,9 @@ class Targets:
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
         sites, poses = self.pull.shape
         if self.weight.shape != (sites, poses) or len(self.names) != sites:
-            raise InputError(f"targets: weight {self.weight.shape}, {len(self.names)} names, pull {self.pull.shape}")
+            raise InputError(
+                f"targets: weight {self.weight.shape}, {len(self.names)} names, expected ({sites}, {poses})"
+            )
         if self.cross.shape[::2] != (sites, poses):
             raise InputError(f"targets: cross {self.cross.shape}, expected ({sites}, columns, {poses})")
         for name in ("weight", "cross", "pull", "energy"):

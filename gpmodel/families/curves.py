@@ -1,4 +1,4 @@
-"""Families that describe the form of an error without a cause: smooth functions of an angle, row, load or column."""
+"""Families of smooth functions of an angle, the row number, a load or an input column, which name no cause."""
 
 from collections.abc import Iterator
 from dataclasses import replace

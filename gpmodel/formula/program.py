@@ -149,7 +149,7 @@ class Program:
         return self.rebuilt(build)
 
     def rebuilt(self, build: "Build") -> "Program":
-        """Return the program in which `build` replaces each node.
+        """Return the program in which each node is replaced by the result of `build` for the node.
 
         build: function that adds the replacement of a node to a builder, given the new indices of the earlier nodes,
         and returns the index of the replacement.

@@ -92,7 +92,7 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
     """Return a candidate as a group of effects that share one prior variance; None if no effect varies over the poses.
 
-    Finite priors set the ratios of effects; effects without prior have equal motion. Constant effects are omitted.
+    Finite priors set the ratios of the coefficients, else all cause equal RMS motions. Constant effects are omitted.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]

@@ -183,7 +183,7 @@ def prune(model: Active, exempt: int = -1) -> Active:
 
 
 def named_by_site(model: Active) -> Active:
-    """Replace groups of several sites by their parts if more than half of their sites have a net gain.
+    """Replace a group of several sites by one group per site if more than half of the sites have a net gain.
 
     Models are compared after the split, so that each site has its penalty. Sites without a net gain are deleted.
     """

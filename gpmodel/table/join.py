@@ -73,7 +73,7 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
         pairs = np.array([pair for text in how.removeprefix(ROWS).split(",") for pair in _stretch(text)])
         if (pairs < 0).any() or (pairs >= [len(first.cells), len(second.cells)]).any():
             raise InputError(
-                f"join: '{how[:60]}'; expected rows of both files: {first.source} has {len(first.cells)} rows, "
+                f"join: '{how[:60]}'; expected rows within both files: {first.source} has {len(first.cells)} rows, "
                 f"{second.source} {len(second.cells)}"
             )
         return _beside(first, second, pairs[:, 0], pairs[:, 1], "nearest pose")

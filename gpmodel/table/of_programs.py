@@ -237,9 +237,9 @@ def is_figaroh(path: Path) -> bool:
 def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
     """Return the map of a FIGAROH file, for a table with one row per pose and marker.
 
-    Several markers become tools of one set-up; the markers' rows of one pose form a group. Orientations are read only
-    if the file has a single marker. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is
-    missing. Source: thanhndv212/figaroh-plus, calibration/data_loader.py.
+    Several markers become tools of one set-up; the markers' rows of one pose form a group. Orientations of a marker are
+    read only if the file has one marker. Raises InputError without a mechanism, or if a joint or coordinate is missing.
+    Source: thanhndv212/figaroh-plus, calibration/data_loader.py.
     """
     if mechanism is None:
         raise InputError(f"{path.name}: joint values without units; expected --mechanism M, whose joints turn or slide")

@@ -198,7 +198,7 @@ def test_a_file_without_a_header_goes_by_numbers(tmp_path: Path) -> None:
         ("no = No", "t.csv has no column 'no'; it has N"),
         ("N = x", "no common value of 'N = x'"),
         ("rows 1-2 = 1-3", "'1-2 = 1-3'; expected equal numbers of rows"),
-        ("rows 1-9 = 1-9", "expected rows of both files: t.csv has 3 rows, u.csv 2"),
+        ("rows 1-9 = 1-9", "expected rows within both files: t.csv has 3 rows, u.csv 2"),
         ("rows all", "'all'; expected equal numbers of rows"),
         ("time N = M", "no times; expected clock times or numbers"),
     ],

@@ -74,8 +74,8 @@ def allowed_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, 
 
 @inlined
 def reaching_instructions(pairs: NDArray[np.uint16], count: int, tables: Tables, outputs: int) -> int:
-    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the first one's
-    position.
+    """Move the instructions that influence the outputs to the end of the program ``pairs``; return the position of the
+    first of these instructions.
 
     Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
     accumulator). Instructions after the last store to an output have no effect and are left out.
