@@ -104,8 +104,12 @@ def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "nodes"), [("sin(2*J2)*exp(J5)", 7), ("sin(2*abs(atan(J2)))", 8), ("abs(exp(J2))", 3)]
-)
+    ("text", "nodes"),
+    [
+        ("sin(2*J2)*exp(J5)", 7), ("exp(-4*square(J2 - 2))", 7), ("abs(exp(J2))", 5), ("square(tanh(4*(J2 - 2)))", 9),
+        ("sin(2*abs(atan(J2)))", 10),
+    ],
+)  # fmt: skip
 def test_a_function_of_a_function_costs_two_nodes(text: str, nodes: int) -> None:
     assert description_size(parse(text)) == nodes
 

@@ -15,7 +15,7 @@ from gpmodel.formula.algebra import simplify
 from gpmodel.formula.expression import ONE, Expression, parse
 from gpmodel.formula.operators import ARITHMETIC, BY_NAME, LANGUAGE, SETS, TABLE_CONSTANTS, Operator, operator_set
 from gpmodel.formula.printing import as_in_latex, inline, latex
-from gpmodel.formula.program import NESTED, Builder, Program, description_size
+from gpmodel.formula.program import Builder, Program
 from gpmodel.model.states import states_of
 
 RNG = np.random.default_rng(5)
@@ -91,20 +91,6 @@ def test_shared_parts_count_once() -> None:
     shared = parse("t = sin(J1*J2); t*t + t")
     assert shared.operator_counts == {"multiply": 2, "sin": 1, "add": 1}
     assert shared.complexity == 6
-
-
-@pytest.mark.parametrize(
-    ("plain", "nested"),
-    [
-        ("exp(-4*square(J1 - 2))", "square(tanh(4*(J1 - 2)))"),
-        ("sin(2*J1)*sin(2*J1)", "square(sin(2*J1))"),
-        ("tanh(3*(J1 - 1))", "abs(logistic(3*J1) - 1)"),
-        ("sin(3*J1)", "sin(3*sin(J1))"),
-    ],
-)
-def test_a_function_of_a_function_has_a_longer_description(plain: str, nested: str) -> None:
-    assert description_size(parse(nested)) - parse(nested).complexity == NESTED
-    assert description_size(parse(plain)) == parse(plain).complexity
 
 
 def test_inputs_are_replaced_by_programs_and_written_out() -> None:
