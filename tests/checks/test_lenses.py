@@ -44,7 +44,9 @@ WRONG: dict[str, tuple[str, Numbers, tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
+@pytest.mark.parametrize(
+    "case", [case if case == "slight distortion" else pytest.param(case, marks=pytest.mark.long) for case in WRONG]
+)
 def test_a_lens_that_is_not_the_described_one_is_named_before_the_robot(case: str) -> None:
     instrument, numbers, expected = WRONG[case]
     said = texts(changed(instrument, **numbers))
@@ -53,7 +55,7 @@ def test_a_lens_that_is_not_the_described_one_is_named_before_the_robot(case: st
     assert not any("another machine" in text for text in said)
 
 
-@pytest.mark.parametrize("instrument", ["camera", "hand camera"])
+@pytest.mark.parametrize("instrument", [pytest.param("camera", marks=pytest.mark.long), "hand camera"])
 @pytest.mark.parametrize("effect", ["", "joint_compliance J2=3e-6 rad/Nm"])
 def test_a_robot_with_the_described_lens_has_no_wrong_lens(instrument: str, effect: str) -> None:
     assert not any(NOT_THE_LENS in text for text in texts(changed(instrument, effect=effect)))
