@@ -43,7 +43,7 @@ BRIEF = [
 LAWS = [
     ("J2*cos(J5)", 4), ("tanh(2*J2)*'torque J2'*(J5 - 0.6)", 12), ("sin(3*J2)*sin(3.5*J5 + 1)", 11),
     ("exp(-6*square(J2 - 0.6))", 7), ("sin(J2 - J5)", 4), ("max('torque J2' - 0.4, 0)", 5), ("exp(-1.5*row)", 4),
-    ("'torque J2'*cos(J2)", 4), ("J5 - max(min(J5, 0.7), -0.7)", 6), ("sin(J2)*abs(sin(J2))", 4),
+    ("'torque J2'*cos(J2)", 4), ("J5 - max(min(J5, 0.7), -0.7)", 6), ("sin(J2)*abs(sin(J2))", 6),
     ("exp(-1.2*J2)*tanh(2*J5 - 1)", 11), ("max(J2 - 0.3, 0)/(2.6 + J5)", 10), ("J2/(1 + 3*square(J2 - 0.4))", 12),
     ("tanh(2*(J2 - 0.4*J5))", 8), ("J5*abs(J5)*sqrt(2.4 - J2)", 9), ("exp(-4*square(J2 - 0.5)) + 0.7*tanh(3*J5)", 14),
     ("(J2 - max(min(J2, 1.0), 0.2))*atan(2*J5)", 11), ("(tanh(4*J2 - 2) + 1)*abs(J5 - 0.3)", 11),
