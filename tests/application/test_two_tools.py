@@ -61,7 +61,7 @@ def test_rows_of_two_tools_are_divided(fitted: Fitted, second: Mask, apart: floa
     assert "explain" in found.verdict
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 6))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 6))])
 def test_errors_of_one_tool_are_not_divided(fitted: Fitted, seed: int) -> None:
     """A drifting instrument, heavy tails, and gross errors of a tenth of the rows."""
     rng = np.random.default_rng(seed)
