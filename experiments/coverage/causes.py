@@ -7,9 +7,7 @@ counts if its findings have more than one cause, or if nothing is found. A repea
 
 from __future__ import annotations
 
-import json
 import tempfile
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +16,9 @@ import numpy as np
 
 from experiments.blind.case import Case, effect
 from experiments.coverage.truth import exact, hall, poses_at
-from experiments.options import command, parsed
+from experiments.options import parsed
 from experiments.spherical_joint.rigs import JOINT, rig_of
-from experiments.tables import save_rows
+from experiments.tables import run_jobs
 from gpmodel.api.discover import discover
 from gpmodel.application.over_causes import over_causes
 from gpmodel.application.predict import coordinate_deviations
@@ -164,15 +162,9 @@ def _covered(rows: list[Row]) -> Row:
 
 def main() -> None:
     chosen = parsed(__doc__, arms=100, rigs=20, first=0, seconds=np.inf, out=Path)
-    rows: list[Row] = json.loads(chosen.out.read_text())["machines"] if chosen.out.exists() else []
-    done = {(kind, row[kind]) for row in rows for kind in ("arm", "rig") if kind in row}
-    jobs = [("rig", k, rig) for k in range(chosen.rigs)] + [("arm", k, arm) for k in range(chosen.arms)]
-    started = time.monotonic()
-    for kind, k, ask in jobs:
-        if (kind, chosen.first + k) not in done and time.monotonic() - started < chosen.seconds:
-            rows.append(ask(chosen.first + k))
-            save_rows(chosen.out, {"command": command(), "summary": summarised(rows)}, "machines", rows)
-    print(json.dumps(summarised(rows), indent=1))
+    jobs = [("rig", chosen.first + k, rig) for k in range(chosen.rigs)]
+    jobs += [("arm", chosen.first + k, arm) for k in range(chosen.arms)]
+    run_jobs(chosen.out, "machines", jobs, chosen.seconds, summarised)
 
 
 if __name__ == "__main__":

@@ -7,9 +7,7 @@ five are searched. Arms, kinds and sizes of two effects are drawn for every type
 
 from __future__ import annotations
 
-import json
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +24,8 @@ from experiments.coverage.causes import ARMS, KINDS
 from experiments.coverage.truth import mechanism_of
 from experiments.fleet.machines import COMMON, OWN, SPREAD, Built, table
 from experiments.fleet.run import wrong
-from experiments.options import command, parsed
-from experiments.tables import save_rows
+from experiments.options import parsed
+from experiments.tables import run_jobs
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 
@@ -149,16 +147,9 @@ def summarised(rows: list[Row]) -> Row:
 
 def main() -> None:
     chosen = parsed(__doc__, twenties=5, fives=20, first=9100, seconds=np.inf, out=Path)
-    rows: list[Row] = json.loads(chosen.out.read_text())["fleets"] if chosen.out.exists() else []
-    done = {(kind, row[kind]) for row in rows for kind in ("five", "twenty") if kind in row}
-    jobs = [("twenty", k, twenty) for k in range(chosen.twenties)] + [("five", k, five) for k in range(chosen.fives)]
-    started = time.monotonic()
-    for kind, k, ask in jobs:
-        if (kind, chosen.first + k) not in done and time.monotonic() - started < chosen.seconds:
-            begun = time.monotonic()
-            rows.append(ask(chosen.first + k) | {"seconds": round(time.monotonic() - begun, 1)})
-            save_rows(chosen.out, {"command": command(), "summary": summarised(rows)}, "fleets", rows)
-    print(json.dumps(summarised(rows), indent=1))
+    jobs = [("twenty", chosen.first + k, twenty) for k in range(chosen.twenties)]
+    jobs += [("five", chosen.first + k, five) for k in range(chosen.fives)]
+    run_jobs(chosen.out, "fleets", jobs, chosen.seconds, summarised)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from gpmodel.mechanism.protocol import LARGEST, Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations
-from gpmodel.model.observation import Orientation, Weights, observations
+from gpmodel.model.observation import Orientation, Weights, observations, weight_of
 from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import frame_of, read_frame
 from gpmodel.table.dataset import EXPECTED, TOUCHED, Dataset, specification, with_payload
@@ -172,9 +172,8 @@ def in_metres(
     _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
         if not isinstance(kind, Orientation) and factor_like(unit, kind.unit) is not None:
-            return (weights or {}).get(kind.name, kind.metres) * to_si(
-                value, DIMENSIONS[kind.unit], name, positive=True, most=most
-            )
+            size = to_si(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
+            return weight_of(kind, weights or {}) * size
     return to_si(value, "length", name, positive=True, most=most)
 
 

@@ -75,6 +75,12 @@ class Session:
         """3-D distance between measured and predicted point of each later pose, m, also of outliers."""
         return pose_error(self.observed, self.poses.dataset, self.saved.weights)
 
+    def without_outliers(self) -> "Session":
+        """Return the session with all poses in use but the outliers of the model."""
+        everything = np.ones(len(self.poses), dtype=bool)
+        use = without_outliers(self.observed, self.poses.dataset, everything, self.saved.weights)
+        return replace(self, use=use)
+
     def anew(self, problem: Linearised) -> Mask:
         """Return a mask of the columns (parameters) that the later session fits.
 
@@ -129,9 +135,7 @@ def settled(
         columns = problem.columns[:, free]
         step[free[: problem.placement]] = np.linalg.lstsq(columns, problem.residual, rcond=1e-12)[0]
         session = session.moved(problem, step)
-        session = replace(
-            session, use=without_outliers(session.observed, session.poses.dataset, everything, saved.weights)
-        )
+        session = session.without_outliers()
     return session
 
 

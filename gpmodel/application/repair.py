@@ -21,7 +21,6 @@ from gpmodel.application.predict import point_columns
 from gpmodel.application.recheck import PASSES, Recheck, Session, in_covariance
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, Mask, NotNegative
-from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.overall_scale import without_frame
@@ -175,11 +174,7 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
         total = total + own[free.sum() :]
         moved, count = step @ own, problem.placement
         saved = replace(session.saved, theta=session.saved.theta + moved[count:])
-        session = replace(session, saved=saved).moved(problem, moved[:count])
-        everything = np.ones(len(session.use), dtype=bool)
-        session = replace(
-            session, use=without_outliers(session.observed, session.poses.dataset, everything, saved.weights)
-        )
+        session = replace(session, saved=saved).moved(problem, moved[:count]).without_outliers()
     return _Fit(session, changed, problem, left, step, sigma)
 
 

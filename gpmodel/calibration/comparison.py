@@ -1,7 +1,7 @@
 """Fit a sequence of growing models to the same poses, and compare their errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from gpmodel.calibration.unmeasured_joints import STARTING_WEIGHTS
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
-from gpmodel.model.observation import Weights
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
@@ -83,39 +82,31 @@ def fit_steps(
     seed: int = 0,
 ) -> tuple[Step, ...]:  # fmt: skip
     """Fit each model to the poses `train`, starting from the previous fit; evaluate each fit on the poses `heldout`."""
-    steps: list[Step] = []
+    fits: list[tuple[str, Calibration]] = []
     for name, of_model in models:
-        start = without_outlier_marks(steps[-1].calibration) if steps else None
+        start = without_outlier_marks(fits[-1][1]) if fits else None
         fit = calibrate(ErrorModel(mechanism, of_model), train, condition_limit=condition_limit, start=start, seed=seed)
-        fit = apart_from_effects(fit, train)
-        steps.append(step_of(name, fit, train, heldout))
-    return weighed_alike(steps, train, heldout)
+        fits.append((name, apart_from_effects(fit, train)))
+    return steps_of(fits, train, heldout)
 
 
 def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
     """Compute the errors of a fitted model on its training poses and on held-out poses."""
-    return Step(name, fit, fit.error, _heldout_error(fit, train, heldout, fit.weights))
+    return steps_of([(name, fit)], train, heldout)[0]
 
 
-def _heldout_error(fit: Calibration, train: Poses, heldout: Poses, weights: Weights) -> Array:
-    known = known_rows(train.dataset, heldout.dataset)
-    errors = np.full(len(heldout), np.nan)
-    if len(known):
-        errors[known] = errors_on(fit, heldout.subset(known), weights)
-    return errors
+def steps_of(fits: Sequence[tuple[str, Calibration]], train: Poses, heldout: Poses) -> tuple[Step, ...]:
+    """Compute the errors of named fits, all by the weights of the last fit, so that the models are comparable."""
+    weights, known = fits[-1][1].weights, known_rows(train.dataset, heldout.dataset)
+    there = heldout.subset(known)
 
+    def step(name: str, fit: Calibration) -> Step:
+        unseen = np.full(len(heldout), np.nan)
+        if len(known):
+            unseen[known] = errors_on(fit, there, weights)
+        return Step(name, fit, fit.error if fit.weights == weights else errors_on(fit, train, weights), unseen)
 
-def weighed_alike(steps: Sequence[Step], train: Poses, heldout: Poses) -> tuple[Step, ...]:
-    """Return the steps with errors by the weights of the last fit, so that the errors of all models are comparable."""
-
-    def weighed(step: Step) -> Step:
-        fit, weights = step.calibration, steps[-1].calibration.weights
-        if fit.weights == weights:
-            return step
-        unseen = _heldout_error(fit, train, heldout, weights)
-        return replace(step, train_error=errors_on(fit, train, weights), heldout_error=unseen)
-
-    return tuple(map(weighed, steps))
+    return tuple(step(*named) for named in fits)
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:

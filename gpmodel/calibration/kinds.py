@@ -10,7 +10,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import fit_priors
-from gpmodel.model.observation import Observation, Weights
+from gpmodel.model.observation import Observation, Weights, weight_of
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import outlier_limit
 
@@ -43,7 +43,7 @@ def estimated_weights(fitting: Fitting, fitted: Fitted, kept: Mask) -> Weights:
         return {**fitting.weights, reference.name: reference.metres}
     priors = fit_priors(fitting.model, problem, fitted.theta, fitted.placement, kept)
     free = problem.free(kept)
-    parts = [_Part.of(problem, kind, free, kind.metres / fitting.weights.get(kind.name, kind.metres)) for kind in kinds]
+    parts = [_Part.of(problem, kind, free, kind.metres / weight_of(kind, fitting.weights)) for kind in kinds]
     at, sigma = kinds.index(reference), 1.0 / np.array([part.scale for part in parts])
     for _ in range(STEPS if problem.reduced is None else 1):
         squares, redundancy = _residuals(parts, sigma, priors.rows[:, free], priors.rhs)

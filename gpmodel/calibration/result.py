@@ -16,7 +16,7 @@ from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
-from gpmodel.model.observation import Observation, Weights
+from gpmodel.model.observation import Observation, Weights, weight_of
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_of
@@ -134,7 +134,7 @@ class Calibration(Uncertainty):
 
     def noise_of(self, kind: Observation) -> float:
         """Return the standard deviation of one component of a kind of measurement, in its SI unit."""
-        return self.sigma / self.weights.get(kind.name, kind.metres)
+        return self.sigma / weight_of(kind, self.weights)
 
     @property
     def dropped(self) -> tuple[str, ...]:

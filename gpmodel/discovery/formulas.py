@@ -73,8 +73,8 @@ def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
         most = (1 if len(effects) <= NUMBERS else 0) if named else TOGETHER
         if len(sites) == 1 and len(parts) > 1 and len(read) <= most:
             names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
-            new = replace(parts[0], name=" and ".join(names), effects=effects, family="", cost=cost, inner=None)
-            yield names, replace(new, found_by=formula_of(c.found_by for c in parts))
+            name, maker = " and ".join(names), formula_of(c.found_by for c in parts)
+            yield names, replace(parts[0], name=name, effects=effects, family="", found_by=maker, cost=cost, inner=None)
 
 
 def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:

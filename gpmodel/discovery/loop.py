@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from gpmodel.arrays import IntArray
+from gpmodel.calibration.comparison import Step, steps_of
 from gpmodel.calibration.gauge import moving_sites
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
@@ -91,10 +92,10 @@ def discover(
         return calibration, (_unfinished if errors_alone else _finished)(state, standard_fit, calibration)
 
     (calibration, (last, final, doubt)), rungs = called_beside(search.here, ended, _rungs(state, standard_fit))
-    _ladder(state, base, standard_fit, [*rungs, calibration])
+    steps = _ladder(state, base, standard_fit, [*rungs, calibration])
     give_back()
     return Discovery(
-        mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
+        mechanism, poses, train, heldout, tuple(steps), tuple(state.findings), tuple(state.rounds), last, final,
         doubt, state.standard.effects, time.monotonic() - started, stopped,
     )  # fmt: skip
 
@@ -156,12 +157,12 @@ def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibra
     return [partial(state.fit, model, standard_fit) for model in models]
 
 
-def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: Sequence[Calibration]) -> None:
-    """Record the errors of growing models: registration, the standard model, and the findings one after the other."""
-    state.add_rung("registration", base)
-    state.add_rung("standard", standard_fit)
-    for i, fit in enumerate(rungs[: len(state.findings)]):
-        state.add_rung(f"effect {i + 1}", fit, i)
+def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: Sequence[Calibration]) -> list[Step]:
+    """Return the errors of growing models: registration, the standard model, and the findings one after the other."""
+    fits = [("registration", base), ("standard", standard_fit)]
+    fits += [(f"effect {i + 1}", fit) for i, fit in enumerate(rungs[: len(state.findings)])]
+    first, second, *others = steps_of(fits, *(state.poses.subset(rows) for rows in (state.train, state.heldout)))
+    return [first, second, *(replace(step, finding=i) for i, step in enumerate(others))]
 
 
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step, known_rows, step_of, weighed_alike
+from gpmodel.calibration.comparison import Step, known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis
@@ -199,7 +199,6 @@ class State:
     errors_alone: bool = False
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
 
     @cached_property
     def sample(self) -> IntArray:
@@ -258,9 +257,3 @@ class State:
     def standard_to_all(self) -> Calibration:
         """Fit the standard model with the known effects to all poses, with the condition limit for all poses."""
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=FOLD_SEED)
-
-    def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        """Add a fitted model to the growing models, with its errors on the training and the held-out poses."""
-        seen, unseen = (self.poses.subset(rows) for rows in (self.train, self.heldout))
-        step = replace(step_of(name, calibration, seen, unseen), finding=finding)
-        self.steps = [*weighed_alike([*self.steps, step], seen, unseen)]

@@ -272,6 +272,11 @@ class Distance(OfTip):
         return {self.name: np.linalg.lstsq(system, lengths**2 - np.sum(points**2, axis=1))[0][:4]}
 
 
+def weight_of(kind: Observation, weights: Weights) -> float:
+    """Return the length, m, that counts as one unit of a kind of measurement, in a fit with the given weights."""
+    return weights.get(kind.name, kind.metres)
+
+
 def observations(dataset: Dataset) -> tuple[Observation, ...]:
     """Return all kinds of measurements of a table: point, orientation, distances, then the other kinds."""
     distances = (Distance(name, values) for name, values in dataset.distances.items())

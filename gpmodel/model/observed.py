@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.model.observation import Distance, Observation, Orientation, Tips, Weights
+from gpmodel.model.observation import Distance, Observation, Orientation, Tips, Weights, weight_of
 from gpmodel.numerics import se3
 
 
@@ -59,7 +59,7 @@ class Observed:
 
     def scales(self, weights: Weights) -> Array:
         """Return the weight of each measured component, m per unit."""
-        each = [weights.get(kind.name, kind.metres) for kind in self.kinds]
+        each = [weight_of(kind, weights) for kind in self.kinds]
         return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:

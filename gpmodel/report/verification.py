@@ -16,7 +16,7 @@ from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import turn_error
-from gpmodel.model.observation import Observation, observations
+from gpmodel.model.observation import Observation, observations, weight_of
 from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report.build import OWN_UNIT
@@ -229,7 +229,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
     session = found.session
     for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
         rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]
-        own = factor / session.saved.weights.get(kind.name, kind.metres)
+        own = factor / weight_of(kind, session.saved.weights)
         sizes = [own * root_mean_square(v[rows]) for v in (found.alone, session.errors, promised)]
         yield KindRecord(kind.name, unit, 1e3 / own, int(rows.sum()), *map(optional, sizes))
 
