@@ -32,7 +32,7 @@ from gpmodel.api.table import (
     with_numbers,
 )
 from gpmodel.application.compensate import compensated, of_frame, targets_in
-from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
+from gpmodel.application.exports.programs import LANGUAGES, Language, program_text, rewritten_text
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
@@ -45,6 +45,7 @@ from gpmodel.progress import Say, silent
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 from gpmodel.table.read import dataset_from
+from gpmodel.table.robot_programs import is_program, read_program
 from gpmodel.texts import SEAL
 from gpmodel.wording import measured
 
@@ -102,10 +103,10 @@ class Model(Shown):
         as_measured, session = check_bool(as_measured, "as_measured"), check_bool(session, "session")
         in_order = check_bool(in_order, "in_order")
         announce_reading(poses, progress)
-        frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
+        frame, text, path = frame_to_extend(poses, self.mechanism, "poses", self.saved.convention)
         dataset = (
             dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
-            if text is frame
+            if text is frame and not is_program(poses)
             else dataset_from(text, path, self.mechanism, need_measurement=False)
         )
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
@@ -143,7 +144,7 @@ class Model(Shown):
         """
         degrees = check_number(max_move, "max_move", 0.0, 360.0)
         session, in_order = check_bool(session, "session"), check_bool(in_order, "in_order")
-        frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
+        frame, text, path = frame_to_extend(targets, self.mechanism, "targets", self.saved.convention)
         rng = np.random.default_rng(check_integer(seed, "seed"))
         saved = at_end(usable(self.saved, session=session))
         saved = of_frame(saved) if check_choice(point, POINTS, "point") == "frame" else saved
@@ -161,7 +162,20 @@ class Model(Shown):
         if not isinstance(corrected, pd.DataFrame):
             raise InputError(f"{brief(corrected)}, expected the frame that compensate gives", "corrected")
         module = check_text(name, "name", "the name of a program")
-        return program_text(self.mechanism, corrected, check_choice(language, LANGUAGES, "language"), module)
+        check_choice(language, LANGUAGES, "language")
+        return program_text(self.mechanism, corrected, language, module, self.saved.convention)
+
+    def rewrite(self, program: str | Path, corrected: pd.DataFrame) -> str:
+        """Write targets corrected by `compensate` into the robot program that they were read from.
+
+        Return the text of the program with the corrected joint values, in the controller's convention, and a comment
+        that states the convention. All other text is kept, with the values of other external axes. Cartesian positions
+        are not corrected; the comment states their number.
+        program: file in KRL, RAPID, URScript or of Fanuc. corrected: result of `compensate` for this file. Raises
+        InputError if a target has no corrected joint values, or the table is not that of the program.
+        """
+        source = read_program(file_path(program, "program"))
+        return rewritten_text(source, self.mechanism, corrected, self.saved.convention)
 
     def export(
         self,

@@ -61,6 +61,7 @@ from gpmodel.planning.poses import (
 from gpmodel.progress import Reporter, Say, silent
 from gpmodel.report.schema import Report
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
+from gpmodel.table.convention import pose_table
 from gpmodel.wording import wrapped
 
 POOLED = 40
@@ -122,14 +123,13 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
     (WITHIN) or distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
     """
     saved, arm = model.saved, model.mechanism
-    _, text, path = frame_to_extend(task, arm, "task")
+    _, text, path = frame_to_extend(task, arm, "task", saved.convention)
     targets = targets_in(at_end(usable(saved)), text, path, rng, in_order=False)
     beyond = np.flatnonzero(beyond_limits(arm, targets.dataset.q))
     for lost, how in ((targets.unreachable, "out of reach"), (beyond, "beyond a joint limit")):
         if len(lost):
             more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
-            row = targets.dataset.row[lost[0]]
-            where = f"{path.name}, row {row}"
+            where = f"{path.name}, row {targets.dataset.row[lost[0]]}"
             raise InputError(f"{where}: the target is {how}{more}; expected poses that {arm.name} can reach", "task")
     outlook = PlanningContext.from_joint_values(saved, pool, rng)
     there = outlook.point_problem(outlook.task_poses(targets.dataset, rng))
@@ -223,8 +223,8 @@ ROWS = 9
 class PosesResult(Shown):
     """Proposed measurement poses. q: joint values, rad and m, the most informative first. said: purpose, as text.
     spacing: distance of the two most similar poses, as a share of joint ranges. curve: standard error after each pose.
-    limit: lower bound of the standard error for any set of as many candidate poses, in the unit of `curve`. columns:
-    joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is
+    limit: lower bound of the standard error for any set of as many candidate poses, in the unit of `curve`. after:
+    the fitted model, if any. decided: for the names of two explanations, number of poses after which one explanation is
     95 % probable in 19 of 20 cases; None if the proposed poses do not suffice to decide.
     """
 
@@ -234,12 +234,14 @@ class PosesResult(Shown):
     curve: pd.DataFrame
     said: str
     limit: float
-    columns: tuple[str, ...]
+    after: Model | None
     decided: Mapping[str, int | None] = field(default_factory=dict)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per pose, with headers and units of a measured table."""
-        return joint_table(self.mechanism, self.q, self.columns)
+        """Return one row per pose, with the headers of a measured table; controller_AXIS: signs of the controller."""
+        if self.after is None:
+            return joint_table(self.mechanism, self.q)
+        return pose_table(self.mechanism, self.q, self.after.saved.columns, self.after.saved.convention)
 
     def to_csv(self) -> str:
         """Return the table of proposed poses as text, with the decimals of a robot controller."""
@@ -327,9 +329,8 @@ def choose_poses(
         order = order[: (wanted := max(n or 0 for n in decided.values()))]
     tell("lower bound over all sets of poses", passing=True)
     limit = float(asked.to_curve_unit(np.array(least_deviation(asked.measure, wanted))))
-    columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
     q, curve = pool[order], _curve(asked, order, len(pool), rng)
-    return PosesResult(arm, q, spacing(arm, q), curve, asked.text, limit, columns, decided)
+    return PosesResult(arm, q, spacing(arm, q), curve, asked.text, limit, model, decided)
 
 
 def _one_of(model: Model | None, **given: object) -> None:

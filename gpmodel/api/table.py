@@ -22,8 +22,10 @@ from gpmodel.model.instruments import with_observations
 from gpmodel.model.observation import Orientation, Weights, observations, weight_of
 from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import frame_of, read_frame
+from gpmodel.table.convention import Convention, with_joint_columns
 from gpmodel.table.dataset import EXPECTED, TOUCHED, Dataset, specification, with_payload
 from gpmodel.table.read import dataset_from
+from gpmodel.table.robot_programs import is_program, program_frame, read_program
 from gpmodel.table.units import DIMENSIONS, JOINT_UNITS, factor_like, split_quantity
 from gpmodel.texts import read_toml
 
@@ -202,15 +204,26 @@ def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cell
     return Cells(kept, text, Path("data frame"), digest)
 
 
-def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
-    """Return the data frame that gets new columns, its cells as text, and its name in messages."""
+def frame_to_extend(
+    source: TableLike, mechanism: Mechanism, argument: str, convention: Convention | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
+    """Return the data frame that gets new columns, its cells as text, and its name in messages.
+
+    Joint values of a robot program, or of columns controller_AXIS alone, are converted from the convention of the
+    controller to that of the description.
+    """
     if isinstance(source, Dataset):
         frame = frame_of(source, mechanism)
         return frame, frame, Path(source.source)
+    if isinstance(source, str | Path) and is_program(source):
+        path = file_path(source, argument)
+        frame = program_frame(read_program(path), mechanism, convention)
+        return frame, frame, path
     if isinstance(source, np.ndarray):
         source = _frame_of_array(source, mechanism, argument)
     cells = cells_of(source, argument)
-    return cells.given, cells.text, cells.path
+    text = with_joint_columns(cells.text, cells.path, mechanism, "" if convention is None else convention.text)
+    return cells.given, text, cells.path
 
 
 def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:

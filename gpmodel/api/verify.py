@@ -21,7 +21,8 @@ from gpmodel.arrays import Array
 from gpmodel.progress import Say, silent
 from gpmodel.report.verification import VerifyRequest
 from gpmodel.table.blocks import different_poses
-from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
+from gpmodel.table.cells import CONTROLLER_DECIMALS, table_text
+from gpmodel.table.convention import pose_table
 
 NAMED_BY = 12
 """Largest number of poses to identify a change of a machine; if they do not suffice, no single change explains them."""
@@ -183,7 +184,7 @@ def next_check(
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
     """Return joint values, rad and m, as a table with the headers of the fitted table."""
-    return joint_table(saved.mechanism, np.atleast_2d(q), saved.columns)
+    return pose_table(saved.mechanism, np.atleast_2d(q), saved.columns, saved.convention)
 
 
 COMMAND = "gpmodel.verify"

@@ -29,6 +29,7 @@ from gpmodel.model.error_model import closing, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.table.blocks import poses_of_tips
 from gpmodel.table.cells import with_results
+from gpmodel.table.convention import SENT
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import JOINT_UNITS, joint_column, split_header
@@ -110,6 +111,8 @@ def targets_in(
 def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
     """Add corrected joint values, correction, residual, sigma [mm] and status to a table of targets.
 
+    Corrected values corrected_JOINT are those of the description. If the controller has other signs or zeros, columns
+    to_controller_AXIS have them in the convention of the controller.
     Columns of an earlier compensation are replaced. Raises InputError if no target is reached.
     """
     found, names = compensate(saved, targets, max_move), _table_names(saved, targets.dataset)
@@ -123,6 +126,8 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
         "residual_turn [mrad]": 1e3 * found.turn,
         "sigma [mm]": 1e3 * found.sigma,
     }
+    if (known := saved.convention) is not None and not known.unchanged:
+        added |= known.columns(found.q, SENT)
     results: dict[str, Array | list[str]] = {**added, "outside": list(found.outside), "status": list(found.status)}
     table = with_results(frame, results, ("corrected_",))
     if set(found.status) == {LOST}:

@@ -27,6 +27,7 @@ from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import table_names
 from gpmodel.model.states import measured_torques
 from gpmodel.model.touches import Touches
+from gpmodel.table.convention import Convention, read_convention
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import identifier
 from gpmodel.texts import SEAL, parse_json, seal
@@ -65,6 +66,7 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
         "in_order": data.in_order,
         "readings": dict(data.readings),
         "described": dict(data.described),
+        "convention": data.convention,
     }
 
 
@@ -100,6 +102,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
         in_order=record.in_order,
         readings={name: _numbers(values) for name, values in record.readings.items()},
         described=record.described,
+        convention=record.convention and read_convention(record.convention, mechanism, "measured.convention").text,
     )
     dataset = with_observations(dataset, mechanism)
     return Measured(dataset, np.array(record.heldout, dtype=np.int64))
@@ -167,6 +170,12 @@ class SavedModel:
         """Joint names in the fitted table; without a table, the mechanism's names."""
         named = self.measured.dataset.columns if self.measured is not None else ()
         return named or tuple(joint.name for joint in self.mechanism.joints)
+
+    @property
+    def convention(self) -> Convention | None:
+        """Convention of the controller's joint values, None if not known."""
+        text = self.measured.dataset.convention if self.measured is not None else ""
+        return read_convention(text, self.mechanism, "convention") if text else None
 
     @property
     def names(self) -> Mapping[str, str]:

@@ -17,6 +17,7 @@ from gpmodel.characters import UNBROKEN
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, LARGEST
 from gpmodel.mechanism.source import LONGEST_JOINT
+from gpmodel.table.convention import LONGEST
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 KIND, SCHEMA = "gpmodel model", 3
@@ -125,6 +126,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     """Table that a model was fitted to, SI, one value or list of values per pose; null if not measured.
 
     counted_m: length, m, that counts as one pixel or radian, in files without `weights_m`.
+    convention: formulas of the joints in the controller's axes, see `gpmodel.table.convention`; "" if not known.
     """
 
     file: Name
@@ -144,6 +146,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     readings: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
     described: dict[Label, dict[str, object]] = {}
     counted_m: dict[Word, Weight] = {}
+    convention: Annotated[str, msgspec.Meta(max_length=LONGEST, pattern=UNBROKEN)] = ""
 
     def __post_init__(self) -> None:
         given = {name: getattr(self, name) for name in ("q", "position_m", "rotation_rad", "payload_kg")}

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -14,9 +15,11 @@ from gpmodel.checks.formulas import EQUALLY, formula_readings
 from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, typical_rows
 from gpmodel.checks.notes import POOR_LENGTH, Registered, flange, least_misfit, registered, spread_of
 from gpmodel.checks.readings import ALIKE, LENGTHS, MIRROR_IMAGE, OF_ANOTHER_SIZE, Reading, joint_readings, listed
+from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import OUTLIER_SHARE, root_mean_square
 from gpmodel.table.layout import Sheet, name_and_unit
+from gpmodel.table.robot_programs import fields_of
 from gpmodel.table.units import factor_like
 
 Columns = tuple[int, ...]
@@ -30,11 +33,11 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
     """Yield columns of all joints in order: columns with the joints' names, or with names that differ in a number."""
     count = len(mechanism.joints)
     bare = {i: re.sub(r"\W|_", "", names[i]).casefold() for i in numeric}
-    wanted = [re.sub(r"\W|_", "", joint.name).casefold() for joint in mechanism.joints]
-    for ending in ("", "joint"):
+    joint_names = [re.sub(r"\W|_", "", joint.name).casefold() for joint in mechanism.joints]
+    for wanted, ending in ((joint_names, ""), (joint_names, "joint"), (_in_programs(mechanism), "")):
         found = [[i for i, name in bare.items() if (word := w.removesuffix(ending)) and word in name] for w in wanted]
         exact = [[i for i in part if bare[i] == w] or part for part, w in zip(found, wanted, strict=True)]
-        if all(len(part) == 1 for part in exact) and len({i for part in exact for i in part}) == count:
+        if exact and all(len(part) == 1 for part in exact) and len({i for part in exact for i in part}) == count:
             yield tuple(part[0] for part in exact)
             break
     groups: dict[str, dict[int, list[int]]] = {}
@@ -47,6 +50,13 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
             if all(first + k in group for k in range(count)):
                 copies = min(len(group[first + k]) for k in range(count))
                 yield from (tuple(group[first + k][c] for k in range(count)) for c in range(copies))
+
+
+def _in_programs(mechanism: Mechanism) -> list[str]:
+    """Return the names of a mechanism's joints in robot programs, a1 to a6 and e1 to e6; empty if it has no such."""
+    with suppress(InputError):
+        return [field.casefold() for field in fields_of(mechanism, None)]
+    return []
 
 
 def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:

@@ -10,13 +10,14 @@ from gpmodel.api.verify import NextCheck, verify_next
 from gpmodel.api.verify import verify as judge
 from gpmodel.application.compensate import not_reached
 from gpmodel.application.exports.grid import NODES
-from gpmodel.application.exports.programs import Language
+from gpmodel.application.exports.programs import Language, convention_notes
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, deliver, place_for, progress_line, session_note, write_frame
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
-from gpmodel.files import write_text
+from gpmodel.files import write_bytes, write_text
+from gpmodel.table.robot_programs import is_program, read_program
 from gpmodel.wording import turned
 
 
@@ -87,22 +88,31 @@ def compensate(
     """Compute joint values that bring the real mechanism to nominal TARGETS, with a status per row.
 
     TARGETS: joint values, whose nominal tool pose is the target; or, without joint columns, x, y, z of --point in the
-    mechanism's root frame, with rx, ry, rz for a full pose. MODEL: model.json of calibrate or discover.
-    Columns of an earlier compensation in TARGETS are replaced.
+    mechanism's root frame, with rx, ry, rz for a full pose; or a robot program: KRL (.src, .dat), RAPID (.mod),
+    URScript (.script), Fanuc (.ls). With --out of its suffix, the program is written with corrected joint targets; all
+    other text is kept. MODEL: model.json of calibrate or discover.
+
+    Convention: joint columns J1, ... and corrected_J1, ... have the signs and zeros of the description. Columns
+    controller_A1, ... (targets) and to_controller_A1, ... (corrected), and robot programs, have those of the
+    controller, as `gpmodel import` found them; a program states its convention. Columns of an earlier compensation in
+    TARGETS are replaced.
 
     Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside the
     measured range; side of play open (a joint with backlash arrives from another side than without correction).
     Statuses without corrected values: large move, joint limit, not reached.
     """
     fitted = load_model(model)
+    whole = is_program(targets) and (out is None or out.suffix.lower() == targets.suffix.lower())
     language = None if out is None else PROGRAMS.get(out.suffix.lower())
-    if not language:
+    if not language and not whole:
         place_for(out, "compensated.csv", targets)
     corrected = fitted.compensate(
         targets, max_move=max_move, point=point, session=session, in_order=in_order, seed=seed
     )  # fmt: skip
     path = out
-    if out is not None and language:
+    if whole:
+        path = _write_program(fitted.rewrite(targets, corrected), targets, out)
+    elif out is not None and language:
         write_text(out, fitted.program(corrected, language, out.stem))
     else:
         path = write_frame(corrected, out, "compensated.csv", targets)
@@ -110,6 +120,10 @@ def compensate(
         echo(session_note(names, session), err=True)
     if lost := not_reached(fitted.mechanism, corrected):
         echo(lost, err=True)
+    if not quiet and (whole or language):
+        unchanged = read_program(targets).cartesian if whole else 0
+        notes = [f"{unchanged} Cartesian positions of {targets.name} are NOT corrected"] * bool(unchanged)
+        echo("\n".join([*notes, *convention_notes(fitted.saved.convention)]), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()
@@ -117,6 +131,17 @@ def compensate(
         if isfinite(turn := corrected["residual_turn [mrad]"].max()):
             moved += f", up to {turn:.4f} mrad of the orientation not reached{turned(turn, fitted.saved.lever)}"
         echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
+
+
+def _write_program(text: str, source: Path, out: Path | None) -> Path | None:
+    """Write a corrected robot program, or print it; return its path. Raises InputError if it would replace itself."""
+    if out is None:
+        echo(text, nl=False)
+        return None
+    if out.exists() and out.samefile(source):
+        raise InputError(f"{out} is the program with the targets, expected another file", "out")
+    write_bytes(out, text.encode(errors="surrogateescape"))
+    return out
 
 
 @click.command()

@@ -332,7 +332,7 @@ def simulate(
     drawn: True if q is random; poses at which loops do not close with the errors are replaced by random poses.
     Raises InputError for an effect that cannot be parsed or is not finite, or for poses at which loops do not close.
     """
-    bare = unmeasured([j.name for j in mechanism.joints], q, payload)
+    bare = unmeasured([j.name for j in mechanism.joints], q, payload, [j.kind for j in mechanism.joints])
     tree = branched(mechanism)
     tips = [""] if tree is None else [*tree.tips]
     arms = {} if tree is None else dict.fromkeys(("tip", "tool"), np.array(tips)[np.arange(len(q)) % len(tips)])

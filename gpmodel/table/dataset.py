@@ -110,6 +110,7 @@ class Dataset:
     ignored: text columns that are no labels; empty_rows: number of empty rows in the file.
     in_order: True if rows are in the order of measurement, so that effects may depend on earlier rows.
     instrument: specification of the instrument; None if not stated.
+    convention: text of the controller's convention, see `gpmodel.table.convention`; "" if not known.
     """
 
     joints: tuple[str, ...]
@@ -136,6 +137,7 @@ class Dataset:
     extra_names: Mapping[str, str] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
     instrument: Specification | None = None
+    convention: str = ""
 
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):
@@ -235,11 +237,11 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
     return replace(dataset, payload=np.full(len(dataset), payload))
 
 
-def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
+def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None, kinds: Sequence[str] = ()) -> Dataset:
     """Make a table of joint values q, rad or m, without measurements. payload: kg for each pose, by default zero."""
     count = len(q)
     missing = np.full((count, 3), np.nan)
     return Dataset(
         tuple(joints), q, missing, missing.copy(), np.arange(1, count + 1),
-        np.zeros(count) if payload is None else payload, payload_given=payload is not None,
+        np.zeros(count) if payload is None else payload, payload_given=payload is not None, kinds=tuple(kinds),
     )  # fmt: skip

@@ -15,9 +15,10 @@ from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.cells import LARGEST, numbers
-from gpmodel.table.dataset import LABELS
+from gpmodel.table.convention import COLUMN, convention_text, sum_of
+from gpmodel.table.dataset import LABELS, READINGS
 from gpmodel.table.layout import Sheet, name_and_unit, spelled_unit
-from gpmodel.table.units import JOINT_UNITS, factor, identifier, known_unit, split_header
+from gpmodel.table.units import JOINT_UNITS, factor, factor_like, identifier, known_unit, split_header
 from gpmodel.texts import read_toml
 
 
@@ -75,6 +76,8 @@ def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array
     return out
 
 
+RESERVED = {*"xyz", "rx", "ry", "rz", "payload", *READINGS, *LABELS}
+"""Names of table columns that are no joints and no inputs."""
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
 """Largest deviation of a quaternion's norm from one. Quaternions rounded to two digits have a norm closer to one."""
@@ -190,6 +193,8 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
     if columns.orientation is not None:
         vectors = _rotation_vectors(sheet, columns.orientation, f"{columns.source}: [orientation]")
         out |= {f"r{axis} [deg]": cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
+    if said := joint_convention(sheet, columns):
+        out[COLUMN] = [said] * len(sheet.cells)
     if not columns.tools:
         return _without_equal(pd.DataFrame(out))
     poses = {} if "group" in out else {"group": [str(k + 1) for k in range(len(sheet.cells))]}
@@ -200,6 +205,38 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
         for name, point in columns.tools.items()
     ]
     return pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
+
+
+def joint_convention(sheet: Sheet, columns: ColumnMap) -> str:
+    """Return the convention of a map's joint columns: all angles and lengths that are no measurement, else J1, J2, ...
+
+    Return "" if the joints are no sums of columns with whole factors.
+    """
+    other = [n for n in columns.columns if n not in RESERVED and not n.startswith("distance_")]
+    every = {name: _sum_of(sheet, columns.columns[name]) for name in other}
+    sums = {n: found for n, found in every.items() if any(factor_like(found[2], si) for si in JOINT_UNITS.values())}
+    numbered = {name: found for name, found in sums.items() if re.fullmatch(r"J\d+", name)}
+    return convention_text(sums) or convention_text(numbered)
+
+
+def _sum_of(sheet: Sheet, text: str) -> tuple[Mapping[str, float], float, str]:
+    """Return the factors of the axes in an entry of a map, its constant and unit; no factors unless it is a sum."""
+    formula, unit = split_header(text)
+    column = find(sheet, formula)
+    column = find(sheet, text.strip()) if column is None else column
+    unit = unit or name_and_unit(text)[1] or ""
+    if column is not None:
+        return {_axis(sheet, column): 1.0}, 0.0, unit
+    factors, constant = sum_of(formula) or ({}, 0.0)
+    places = {axis: find(sheet, axis) for axis in factors}
+    return {a if (i := places[a]) is None else _axis(sheet, i): k for a, k in factors.items()}, constant, unit
+
+
+def _axis(sheet: Sheet, column: int) -> str:
+    """Return the name of a controller's axis: the header of its column, c7 without a unique header."""
+    name = identifier(name_and_unit(sheet.names[column])[0])
+    alike = [header for header in sheet.names if identifier(name_and_unit(header)[0]) == name]
+    return name if name.isascii() and name.strip("_") and len(alike) == 1 else f"c{column + 1}"
 
 
 def _without_equal(table: pd.DataFrame) -> pd.DataFrame:

@@ -24,6 +24,7 @@ from gpmodel.table.cells import (
     separator_and_decimal,
     split,
 )
+from gpmodel.table.robot_programs import AXIS_NAMES, JOINT_TARGET
 from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
@@ -205,6 +206,7 @@ def _between_words(text: str, path: Path) -> Sheet:
     for line in whole.splitlines():
         found = _BETWEEN_WORDS.findall(line)
         names = tuple(f"{word} [{unit}]" if unit else word for word, _, unit in found)
+        names = AXIS_NAMES if JOINT_TARGET.search(line) and not any(names) and len(names) == len(AXIS_NAMES) else names
         point = re.search(r"(\w+)\s*:?=", line)
         if _of_the_controller(line, names):
             own += 1

@@ -15,6 +15,7 @@ from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
 from gpmodel.table.blocks import check_repeats
 from gpmodel.table.cells import clock_seconds, numbers
+from gpmodel.table.convention import COLUMN, convention_in, described_axes, read_convention, with_joint_columns
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, one_spelling, split_header
 
@@ -41,7 +42,8 @@ def dataset_from(
     The page docs/reference/formats.md describes the columns. Raises InputError for a missing or unknown unit, missing
     or surplus joints, text among numbers, or no measurements.
     """
-    columns = _split_columns(frame, path)
+    said = convention_in(frame)
+    columns = _split_columns(with_joint_columns(frame, path, mechanism, ""), path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
     named = _joint_columns(columns, mechanism.joints, path, empty)
     n = len(frame)
@@ -51,9 +53,11 @@ def dataset_from(
     joints = {
         name: _joint_values(columns[name], joint, f"{path.name}, column '{name}'") for name, joint in named.items()
     }
-    cells.ignored += [name for name in columns if identifier(name) in following]
+    convention = read_convention(said, mechanism, f"{path.name}, column '{COLUMN}'") if said else None
+    left = described_axes(columns, said) | {name for name in columns if identifier(name) in following}
+    cells.ignored += [name for name in columns if name in left]
     for name, (unit, column) in columns.items():
-        if name not in named and identifier(name) not in following:
+        if name not in named and name not in left and not (said and name == COLUMN):
             cells.take(name, unit, column, f"{path.name}, column '{name}'")
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, cells, need_measurement)
@@ -69,6 +73,7 @@ def dataset_from(
         columns=tuple(joints),
         empty_rows=int(frame.attrs.get("empty_rows", 0)),
         joints_approximate=not all(j.measured for j in mechanism.joints),
+        convention="" if convention is None else convention.text,
         **vars(cells) | {"labels": tools | cells.labels, "ignored": tuple(cells.ignored)},
     )
     check_repeats(dataset)

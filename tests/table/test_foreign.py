@@ -157,7 +157,7 @@ def test_the_command_writes_the_table_or_prints_it(tmp_path: Path) -> None:
     file, path = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}")
     run = CliRunner().invoke(import_table, [str(file), "--map", str(path), "--out", str(tmp_path / "table.csv")])
     assert run.exit_code == 0
-    assert "3 rows, 9 columns" in run.output
+    assert "3 rows, 10 columns" in run.output
     printed = CliRunner().invoke(import_table, [str(file), "--map", str(path)])
     assert printed.stdout == (tmp_path / "table.csv").read_text()
     assert printed.stdout.splitlines()[0].startswith("J1 [rad],J2 [rad]")

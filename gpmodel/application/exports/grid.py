@@ -17,6 +17,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.cells import table_text
+from gpmodel.table.convention import PREFIX, SENT
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
 
@@ -202,4 +203,6 @@ def _frame(saved: SavedModel, points: Array, q: Array, moves: Array) -> pd.DataF
     for before, values in (("", q), ("delta_", moves)):
         named = zip(saved.columns, kinds, values.T, strict=True)
         columns |= dict(joint_column(f"{before}{name}", kind, of) for name, kind, of in named)
+    if (known := saved.convention) is not None and not known.unchanged:
+        columns |= known.columns(q, PREFIX) | known.columns(q + moves, SENT)
     return pd.DataFrame(columns)

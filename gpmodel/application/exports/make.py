@@ -29,6 +29,7 @@ from gpmodel.formula.expression import DIGITS
 from gpmodel.mechanism.branches import branched
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.convention import axes_note
 from gpmodel.table.dataset import Dataset
 
 
@@ -178,7 +179,8 @@ def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> E
             made.append(make(file))
         except InputError as error:
             refused[file] = error.said
-    return Exports(tuple(made), refused)
+    said = axes_note(saved.convention)
+    return Exports(tuple(replace(export, notes=(*export.notes, said)) for export in made), refused)
 
 
 def as_urdf(rigid: Rigid, predicted: PredictedPoints) -> Export:
@@ -285,5 +287,5 @@ def _grid(file: str, grid: Grid, nodes: int) -> Export:
 
 def _note(forward: Forward) -> str:
     left = f" Not in it: {'; '.join(forward.missing)}." if forward.missing else ""
-    place = forward.place.label(forward.saved)
-    return f"Model of {forward.saved.mechanism.name}, as gpmodel predict has it.{left}{place and f' {place}'}"
+    place, axes = forward.place.label(forward.saved), f" Convention: {axes_note(forward.saved.convention)}."
+    return f"Model of {forward.saved.mechanism.name}, as gpmodel predict has it.{left}{place and f' {place}'}{axes}"

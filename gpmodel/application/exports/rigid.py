@@ -27,6 +27,7 @@ from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import roll_pitch_yaw
 from gpmodel.table.blocks import FOLD_SEED, FOLDS, folds, repeat_blocks
+from gpmodel.table.convention import axes_note
 from gpmodel.wording import length
 
 
@@ -39,6 +40,7 @@ class Rigid:
     heldout: 3-D errors on held-out rows, without outliers of the model, m.
     missing: omitted effects, with the names of the fitted table.
     tips: with several arms, the measured link of each tool.
+    axes: convention of the joint values, as text.
     """
 
     mechanism: Mechanism
@@ -47,6 +49,7 @@ class Rigid:
     heldout: Array
     missing: tuple[str, ...]
     tips: Mapping[str, str]
+    axes: str
 
 
 def refitted(saved: SavedModel) -> Rigid:
@@ -66,7 +69,7 @@ def refitted(saved: SavedModel) -> Rigid:
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     placement, twists = at_end(usable(fitted)).placement, _constant_twists(fitted, poses.subset(np.arange(1)))
-    return Rigid(saved.mechanism, placement, twists, heldout, missing, tips_of(saved))
+    return Rigid(saved.mechanism, placement, twists, heldout, missing, tips_of(saved), axes_note(saved.convention))
 
 
 def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
@@ -177,6 +180,7 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     lines.append(
         f"Missing: {harmless('; '.join(rigid.missing))}." if rigid.missing else "Nothing of the model is missing."
     )
+    lines.append(f"Convention: {harmless(rigid.axes)}.")
     lines += [f"{said}." for said in follows(rigid.mechanism, file)]
     tree = branched(rigid.mechanism)
     links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
