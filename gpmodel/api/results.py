@@ -1,6 +1,6 @@
 """Write results to disk (report.json, pages and other files): all files, or none after an error."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -15,6 +15,7 @@ from gpmodel.extras import extra_for
 from gpmodel.files import as_write_error, finished_folder, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
+from gpmodel.texts import SEAL
 
 
 def check_writable() -> None:
@@ -58,7 +59,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
         return look()
 
     path = file_path(folder, "folder")
-    with finished_folder(path) as draft, _kept(model, path):
+    with without_earlier(path, model), finished_folder(path) as draft, _kept(model, path):
         with as_write_error(path):
             record, made = called_beside(workers, content, parts_of(model.saved, Place.of(model.saved)))
         from gpmodel.report.figures import draw_during
@@ -72,9 +73,30 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
 
 def write_numbers(record: Report, model: Model, folder: Path) -> None:
     """Write report.json and model.json into `folder`, without pages and exports; raise InputError if writing fails."""
-    with finished_folder(folder) as draft:
+    with without_earlier(folder, model), finished_folder(folder) as draft:
         save_record(record, draft / REPORT)
         save_model(model, draft)
+
+
+DERIVED = ("certificate.html", "verify.html", "verify.csv", "verify.json", "repaired.json", "finding_*.html")
+"""Files of other commands that describe the model in their folder."""
+
+
+@contextmanager
+def without_earlier(folder: Path, model: Model) -> Iterator[None]:
+    """Remove files that describe an earlier model of a folder after the code in the context has written another one."""
+    same = f'"{SEAL}": "{model.sha256}"'
+    kept = (folder / MODEL).is_file() and same in (folder / MODEL).read_text(encoding="utf-8", errors="replace")
+    yield
+    if not kept:
+        remove_files(folder, DERIVED)
+
+
+def remove_files(folder: Path, patterns: Iterable[str]) -> None:
+    """Remove the files of a folder whose names match a pattern. Raises WriteError if a file cannot be removed."""
+    for path in [path for pattern in patterns for path in folder.glob(pattern)]:
+        with as_write_error(path):
+            path.unlink(missing_ok=True)
 
 
 @contextmanager

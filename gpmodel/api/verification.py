@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
+from gpmodel.api.results import remove_files
 from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_named, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import SIGNIFICANCE
@@ -75,7 +76,7 @@ class VerifyResult(Shown):
     def report(self, folder: str | Path) -> None:
         """Write verify.html, verify.csv and verify.json, the input of `certificate`, into `folder`; all files or none.
 
-        Raises InputError if a file cannot be written.
+        A certificate of an earlier verification is removed. Raises InputError if a file cannot be written.
         """
         with extra_for("the page of a verification", "report"):
             from gpmodel.report.verification_words import html
@@ -85,6 +86,7 @@ class VerifyResult(Shown):
             rows = by_row(self.record).astype({"outlier": int})
             write_text(draft / "verify.csv", rows.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
             self.save(draft / NAME)
+        remove_files(file_path(folder, "folder"), ["certificate.html"])
 
     def save(self, file: str | Path) -> None:
         """Write the verification to verify.json. Raises InputError if the file cannot be written."""

@@ -11,7 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from report_runs import calibrated, discovered
 
+import gpmodel as gp
 from gpmodel import wording
+from gpmodel.api.results import write_numbers
 from gpmodel.errors import InputError
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.numerics.least_squares import root_mean_square
@@ -127,6 +129,26 @@ def test_a_tolerance_is_passed_or_failed_by_what_is_predicted(beyond: float | No
     assert "after, predicted, mm" in page(found)
     assert dict(found.particulars)["controller"] == ""
     assert len(found.errors) == len(pair)
+
+
+def test_a_certificate_of_another_model_does_not_stay_in_the_folder(tmp_path: Path) -> None:
+    tables = [gp.simulate("irb6400r", poses=30, noise="0.02mm", geometry_sigma="0.3mm", seed=k).table for k in (4, 5)]
+    first, other = (gp.calibrate("irb6400r", table) for table in tables)
+    made = {"certificate.html", "verify.html", "verify.json", "verify.csv"}
+
+    def derived() -> set[str]:
+        return {path.name for path in tmp_path.iterdir()} & made
+
+    write_numbers(first.record, first.model, tmp_path)
+    later = gp.verify(first.model, gp.simulate("irb6400r", poses=15, noise="0.02mm", seed=6).table)
+    gp.certificate(first).report(tmp_path)
+    later.report(tmp_path)
+    assert derived() == made - {"certificate.html"}
+    gp.certificate(tmp_path).report(tmp_path)
+    write_numbers(first.record, first.model, tmp_path)
+    assert derived() == made
+    write_numbers(other.record, other.model, tmp_path)
+    assert derived() == set()
 
 
 def test_particulars_are_read_from_toml(tmp_path: Path) -> None:
