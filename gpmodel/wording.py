@@ -189,9 +189,12 @@ def short_name(name: str, length: int) -> str:
     return f"{shortened(place, max(length - len(axis) - 1, 1))} {axis}"
 
 
+_MINUS = re.compile(r"(?<=\d[eE])-(?=\d)|(?<!\w)-|-(?!\w)")
+
+
 def minus(text: str) -> str:
-    """Replace hyphens with true minus signs."""
-    return text.replace("-", "\N{MINUS SIGN}")
+    """Replace hyphens with true minus signs; the hyphen between two letters or digits of a name is kept."""
+    return _MINUS.sub("\N{MINUS SIGN}", text)
 
 
 def expression(text: str) -> str:

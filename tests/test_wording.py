@@ -32,6 +32,7 @@ def test_value_and_deviation_share_prefix_and_decimals(
         ("2*J4**3", "2·J4³"),
         ("sin(2*J4 +0.412)", "sin(2·J4 + 0.412)"),
         ("a - 1", "a − 1"),
+        ("-2*α-Drehung - 1e-5*(-J1)", "−2·α-Drehung − 1e−5·(−J1)"),
         ("x**y", "x**y"),
     ],
 )
