@@ -19,7 +19,8 @@ import pandas as pd
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, LayoutError
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.cell_units import MISSING, split_unit, unit_of_cells, with_unit
+from gpmodel.table.dataset import LABELS, Dataset
 from gpmodel.table.units import joint_column, split_header
 from gpmodel.texts import read_limited
 
@@ -87,8 +88,6 @@ MOST_COLUMNS = 1000
 LONGEST_HEADER = 100_000
 """Largest number of characters of the first line of a table file: a hundred per column."""
 
-MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
-"""Texts in cells of a table that mean "not measured"."""
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
@@ -109,8 +108,8 @@ _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 _TYPESET = str.maketrans("\u2212\u00a0\u202f\u2009\u2019", "-   '")
 """Minus sign, blanks and apostrophe of typeset numbers, as the characters of a keyboard."""
-_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ']\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?°?$")
-_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ']\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?°?$")
+_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ']\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?$")
+_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ']\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?$")
 _GROUPED = {".": re.compile(r"\d[, ']\d{3}"), ",": re.compile(r"\d[. ']\d{3}")}
 """Pattern of a number with thousands separators, by decimal sign."""
 
@@ -142,6 +141,24 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     return frame.reset_index(drop=True), digest
 
 
+def units_in_headers(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Move units behind the numbers of a table's cells, as in `2070.7 mm`, into the headers; labels are unchanged.
+
+    Raises InputError for two units in one column, or for another unit in the header.
+    """
+    out, headers = frame, list(frame.columns)
+    for i, header in enumerate(frame.columns):
+        name, own = split_header(str(header))
+        values, unit = (
+            ([], "") if name in LABELS else unit_of_cells(frame.iloc[:, i].tolist(), f"{path.name}, '{name}'")
+        )
+        if unit:
+            out = frame.copy() if out is frame else out
+            out.isetitem(i, pd.array(values, dtype=object))
+            headers[i] = with_unit(str(header), own, unit, path.name)
+    return out if out is frame else out.set_axis(headers, axis="columns")
+
+
 def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
     """Return the cells of each Excel sheet that holds numbers, else of the first sheet, row by row.
 
@@ -164,7 +181,9 @@ def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
 
 def _with_points(frame: pd.DataFrame) -> pd.DataFrame:
     """Return text cells with decimal points instead of decimal commas."""
-    return frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
+    return frame.map(
+        lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(split_unit(x)[0].strip()) else x
+    )
 
 
 def _check_unpacked(raw: bytes, path: Path) -> None:
@@ -193,7 +212,8 @@ def decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return True if a cell is a number with the given decimal sign, with or without thousands separators."""
+    """Return True if a cell is a number with the given decimal sign, with or without thousands separators and unit."""
+    cell = split_unit(cell)[0]
     return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
 
 

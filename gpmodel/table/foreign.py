@@ -14,10 +14,11 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.table.cell_units import spelled_unit
 from gpmodel.table.cells import LARGEST, numbers
 from gpmodel.table.convention import COLUMN, convention_text, sum_of
 from gpmodel.table.dataset import LABELS, READINGS
-from gpmodel.table.layout import Sheet, name_and_unit, spelled_unit
+from gpmodel.table.layout import Sheet, name_and_unit
 from gpmodel.table.units import JOINT_UNITS, factor, factor_like, identifier, known_unit, split_header
 from gpmodel.texts import read_toml
 

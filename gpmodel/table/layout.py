@@ -9,12 +9,12 @@ from pathlib import Path
 import pandas as pd
 
 from gpmodel.errors import InputError
+from gpmodel.table.cell_units import BEHIND, MISSING, spelled_unit, split_unit, unit_of_cells, with_unit
 from gpmodel.table.cells import (
     COMMENTS,
     EMPTY,
     FEWEST_NUMBERS,
     LARGEST_FILE,
-    MISSING,
     MOST_COLUMNS,
     SNIFFED,
     clock_seconds,
@@ -25,25 +25,12 @@ from gpmodel.table.cells import (
     split,
 )
 from gpmodel.table.robot_programs import AXIS_NAMES, JOINT_TARGET
-from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
 MOST_HEADERS = 4
 """Largest number of header lines of a table file: names, kinds and units in separate lines."""
 LONGEST_NAME = 200
 """Number of characters of a column's header that are searched for a unit."""
-UNITS = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
-    "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
-    "inches": "in", "inch": "in", "°c": "degC", "c": "degC", "celsius": "degC", "°f": "degF", "sec": "s",
-    "seconds": "s", "%": "percent", "nm": "N*m", "grad": "deg",
-}  # fmt: skip
-"""Spellings of units in files of other programs, in lower case, by unit."""
-BEHIND = (
-    "mm", "cm", "um", "µm", "m", "in", "inch", "inches", "deg", "degree", "degrees", "°", "grad", "rad", "degc", "°c",
-    "celsius", "kg", "s", "sec", "ms",
-)  # fmt: skip
-"""Units that are recognised without brackets at the end of a column name."""
 _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
 _ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
@@ -122,20 +109,12 @@ def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None,
     return text, None, False
 
 
-def spelled_unit(text: str) -> str | None:
-    """Return a unit in the spelling of this program, or None for text that is no unit."""
-    bare = text.strip(" []().").replace("µ", "u").replace("μ", "u")
-    for unit in (UNITS.get(bare.lower(), bare), bare.lower()):
-        if unit and not unit[0].isdigit() and known_unit(unit):
-            return unit
-    return None
-
-
 def _plain(cell: str, decimal: str) -> str:
-    """Write a number with a decimal point and without thousands separators; other text is unchanged."""
+    """Write a number with a decimal point and without thousands separators; other text and units are unchanged."""
     if not is_number(cell, decimal):
         return cell
-    return re.sub(r"[. '°]" if decimal == "," else r"[, '°]", "", cell).replace(",", ".")
+    number, unit = split_unit(cell)
+    return re.sub(r"[. ']" if decimal == "," else r"[, ']", "", number).replace(",", ".") + unit
 
 
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
@@ -156,6 +135,12 @@ def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> She
     names = [" ".join(dict.fromkeys(w for w in words if w)) for words in zip(*above, strict=True)] or [""] * width
     cells = pd.DataFrame([[_plain(c, decimal) for c in rows[i] + [""] * (width - len(rows[i]))] for i in fitting])
     cells = cells.mask(cells.map(lambda cell: cell.lower() in MISSING)).astype(object)
+    for i, name in enumerate(names):
+        values, unit = unit_of_cells(cells[i].tolist(), f"{path.name}, column '{name or i + 1}'")
+        if unit:
+            cells[i] = pd.Series(values, dtype=object)
+            _, own, sure = name_and_unit(name)
+            names[i] = with_unit(name, own if sure else None, unit, path.name)
     said = [f"{len(cells)} rows from line {fitting[0] + 1} on"]
     said += [f"lines {', '.join(map(str, odd[:6]))} left out: not {width} cells, or few numbers"] * bool(odd)
     return Sheet(tuple(names), cells, tuple(said), path.name)

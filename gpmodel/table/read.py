@@ -14,7 +14,7 @@ from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
 from gpmodel.table.blocks import check_repeats
-from gpmodel.table.cells import clock_seconds, numbers
+from gpmodel.table.cells import clock_seconds, numbers, units_in_headers
 from gpmodel.table.convention import COLUMN, convention_in, described_axes, read_convention, with_joint_columns
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, one_spelling, split_header
@@ -42,6 +42,7 @@ def dataset_from(
     The page docs/reference/formats.md describes the columns. Raises InputError for a missing or unknown unit, missing
     or surplus joints, text among numbers, or no measurements.
     """
+    frame = units_in_headers(frame, path)
     said = convention_in(frame)
     columns = _split_columns(with_joint_columns(frame, path, mechanism, ""), path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]

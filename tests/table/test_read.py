@@ -1,6 +1,7 @@
 """Test the reading of tables: separators, decimal commas, units, labels."""
 
 import math
+import re
 import zipfile
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.table.cells import clock_seconds, frame_of, read_frame, separator_and_decimal
 from gpmodel.table.dataset import LABELS
+from gpmodel.table.layout import name_and_unit, read_sheets
 from gpmodel.table.units import identifier
 
 ROBOT = load_mechanism("irb6400r")
@@ -279,3 +281,52 @@ def test_only_times_that_fall_by_more_than_half_a_day_are_of_the_next_day(
 )  # fmt: skip
 def test_a_decimal_sign_is_no_sign_of_thousands(row: str, expected: tuple[str, str]) -> None:
     assert separator_and_decimal(["first;second" if ";" in row else "first,second", *[row] * 4]) == expected
+
+
+def with_units(angle: str, length: str, header: str, separator: str = ",", decimal: str = ".") -> str:
+    """A table of two poses with a unit behind every number, and an empty reading."""
+    rows = [[10.5, -20.25, 30.0, 40.125, 50.0, -60.0, 1500.5, None, 800.0], [0, 5, 10, 15, 20, 25, 1400, 10, 900.25]]
+    cells = [
+        [*(f"{v}{angle}" for v in row[:6]), *("" if v is None else f"{v}{length}" for v in row[6:])] for row in rows
+    ]
+    lines = [separator.join([*(f"J{i}" for i in range(1, 7)), *(f"{axis}{header}" for axis in "xyz")])]
+    return "\n".join([*lines, *(separator.join(row).replace(".", decimal) for row in cells)]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("angle", "length", "header", "separator", "decimal"),
+    [("°", " mm", "", ",", "."), (" deg", "mm", " [mm]", ";", ","), ("°", "\u00a0mm", "", ";", "."),
+     (" Grad", " mm", "", "\t", ",")],
+)  # fmt: skip
+def test_a_unit_behind_every_number_is_that_of_the_column(
+    angle: str, length: str, header: str, separator: str, decimal: str, tmp_path: Path
+) -> None:
+    (tmp_path / "t.csv").write_text(with_units(angle, length, header, separator, decimal), encoding="utf-8")
+    data = read_table(tmp_path / "t.csv", ROBOT)
+    np.testing.assert_allclose(np.degrees(data.q[0]), [10.5, -20.25, 30.0, 40.125, 50.0, -60.0])
+    np.testing.assert_allclose(data.position, [[1.5005, np.nan, 0.8], [1.4, 0.01, 0.90025]])
+    (sheet,) = read_sheets(tmp_path / "t.csv")
+    assert [name_and_unit(name)[1] for name in sheet.names] == ["deg"] * 6 + ["mm"] * 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("1400 mm", "1.4 m", "row 2: '1.4 m' is [m], row 1 is '1500.5 mm'; expected one unit in all cells"),
+        ("1400 mm", "1400", "row 2: '1400' is without unit, row 1 is '1500.5 mm'; expected one unit in all cells"),
+        (",x,", ",x [m],", "cells in [mm]; expected the unit of the header"),
+        ("1400 mm", "1400 bolts", "'1500.5 mm' is no number"),
+    ],
+)
+def test_two_units_in_a_column_are_refused_in_one_line(old: str, new: str, said: str, tmp_path: Path) -> None:
+    text = with_units("°", " mm", "").replace("J6,x,", "J6,x [mm],") if "bolts" in new else with_units("°", " mm", "")
+    (tmp_path / "t.csv").write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(said)) as error:
+        read_table(tmp_path / "t.csv", ROBOT)
+    assert "\n" not in str(error.value)
+
+
+def test_labels_with_units_stay_labels(tmp_path: Path) -> None:
+    text = with_units("°", " mm", "").replace("z\n", "z,tool\n").replace("800.0 mm\n", "800.0 mm,10 mm\n")
+    (tmp_path / "t.csv").write_text(text.replace("900.25 mm\n", "900.25 mm,20 mm\n"), encoding="utf-8")
+    assert read_table(tmp_path / "t.csv", ROBOT).label("tool").tolist() == ["10 mm", "20 mm"]
