@@ -9,7 +9,7 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
@@ -101,6 +101,13 @@ def finished_folder(out: Path) -> Iterator[Path]:
             raise WriteError(str(error).replace(str(draft), str(out))) from None
         finally:
             shutil.rmtree(draft, ignore_errors=True)
+
+
+def remove_files(folder: Path, patterns: Sequence[str]) -> None:
+    """Remove the files of a folder whose names match a pattern. Raises WriteError if a file cannot be removed."""
+    for path in [path for pattern in patterns for path in folder.glob(pattern)]:
+        with as_write_error(path):
+            path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,6 @@
 """Write results to disk (report.json, pages and other files): all files, or none after an error."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -12,7 +12,7 @@ from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError, WriteError
 from gpmodel.executor import Forks, called_beside
 from gpmodel.extras import extra_for
-from gpmodel.files import as_write_error, finished_folder, write_text
+from gpmodel.files import as_write_error, finished_folder, remove_files, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.texts import SEAL
@@ -90,13 +90,6 @@ def without_earlier(folder: Path, model: Model) -> Iterator[None]:
     yield
     if not kept:
         remove_files(folder, DERIVED)
-
-
-def remove_files(folder: Path, patterns: Iterable[str]) -> None:
-    """Remove the files of a folder whose names match a pattern. Raises WriteError if a file cannot be removed."""
-    for path in [path for pattern in patterns for path in folder.glob(pattern)]:
-        with as_write_error(path):
-            path.unlink(missing_ok=True)
 
 
 @contextmanager

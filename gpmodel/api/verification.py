@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.results import remove_files
 from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_named, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import SIGNIFICANCE
@@ -17,7 +16,7 @@ from gpmodel.application.verify import Verified, afterwards, misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
 from gpmodel.extras import extra_for
-from gpmodel.files import finished_folder, write_text
+from gpmodel.files import finished_folder, remove_files, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
 from gpmodel.report.verification import NAME, Others, Verification, VerifyRequest, by_row, to_json, verification
