@@ -18,7 +18,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW, UNKNOWNS, session_inputs
 from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, PlacementNumber, placement_numbers, problem_at
-from gpmodel.checks.judge import YIELDING
+from gpmodel.checks.smooth_errors import YIELDING
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria

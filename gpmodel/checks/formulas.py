@@ -47,7 +47,10 @@ def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Readi
                 said = f", or {EQUALLY} ".join(_described(mechanism, f) for f in equal[:2])
                 yield Reading(said, _applied(fitting[0][None], q)[0], p)
                 return
-        tried = np.array([f for f in (_changed(m, change) for m in beam for change in changes) if _new(f, known)])
+        changed = [f for f in (_changed(m, change) for m in beam for change in changes) if _new(f, known)]
+        if not changed:
+            return
+        tried = np.array(changed)
 
 
 def _changes(mechanism: Mechanism) -> list[tuple[int, Array]]:

@@ -14,10 +14,11 @@ from gpmodel.checks.lenses import ADVICE, another_lens, with_fitted_lenses
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
+from gpmodel.checks.scales import scaled
+from gpmodel.checks.smooth_errors import unexplained
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
-from gpmodel.checks.weak_columns import misread_column, scaled
+from gpmodel.checks.weak_columns import misread_column
 from gpmodel.errors import InputError
-from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
@@ -35,8 +36,6 @@ NOBODY = Reporter()
 MOST_FITTED, STRETCH = 2000, 50
 """Number of rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit of 2000 rows
 takes a second, and the relative error of its RMS is 1 / √(6 · 2000)."""
-YIELDING = ("base_compliance", "joint_compliance")
-"""Families of errors of a sound robot with low stiffness: compliances."""
 LIMIT_TOLERANCE = 1e-3
 """Accepted distance of a joint value beyond the joint's limit, rad or m, by play of the stop and rounding."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
@@ -100,19 +99,15 @@ def check_dataset(
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     """Yield the causes of a large residual, each with the reason why the table is not fit for calibration.
 
-    The reason for unfitness is empty if compliances of base and joints explain the residual.
+    The reason for unfitness is empty if compliances and smooth errors of the joints explain the residual.
     """
     for text in poor_fit(fit):
-        pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
-        soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))
-        left = (
-            root_mean_square(calibrate(soft, poses, start=without_outlier_marks(fit)).fitted_error) if pool else np.inf
-        )
+        left = unexplained(fit, poses)
         if left > POOR:
             rows = row_faults(fit.model.mechanism, poses.dataset, left)
             yield "; ".join(filter(None, (text, rows))), "the residual of the standard model is too large"
         else:
-            yield f"{text}. With compliance of base and joints, {1e3 * left:.3g} mm remain", ""
+            yield f"{text}. With compliances and smooth errors of the joints, {1e3 * left:.3g} mm remain", ""
 
 
 def evenly(count: int) -> IntArray:

@@ -1,28 +1,21 @@
 """Test alternative interpretations of the columns of joints that hardly move the measured point."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy import linalg, special
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.overall_scale import MOST, spread
-from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.result import Calibration
 from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical_rows
 from gpmodel.checks.notes import Registered, flange, least_misfit, registered
 from gpmodel.checks.readings import Reading, joint_readings
-from gpmodel.families.catalogue import candidates, catalogue
-from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism, closed
-from gpmodel.model.effect import Effect, Term, drive_effect
-from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
-from gpmodel.numerics import rank
+from gpmodel.mechanism.protocol import Mechanism, closed
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
-from gpmodel.wording import measured
 
 LIMIT = 50.0
 """Condition limit of calibrations that test columns of joints, as for the standard model in Robertson (2003)."""
@@ -163,125 +156,3 @@ def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
     parts = (left[:, :3], left[:, 3:6]) if data.has_rotation else (left[:, :3],)
     known = [values[np.isfinite(values)] for values in parts]
     return [(root_mean_square(values), len(values)) for values in known]
-
-
-HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
-"""Families of effects that are fitted together with a scale factor, because loads and eccentric gears resemble a factor
-of a joint."""
-SMALLEST = 2e-4
-"""Least deviation from one of a wrong scale factor of columns. Smaller deviations from one are errors of instruments
-(0.00001) and gears (0.0001), which `discover` names."""
-IMPOSSIBLE = 2e-3
-"""Deviation of a scale factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
-CHANCE = 1e-4
-"""Probability of a scale factor at least so far from one in a sound table, below which the factor causes a warning."""
-
-
-@dataclass(frozen=True)
-class Factor:
-    """A common scale factor of some columns of a table.
-
-    columns: names of the columns, in words.
-    value, stderr: the factor and its standard error.
-    chance: probability of a factor at least so far from one in a sound table.
-    less: residual without the factor over residual with the factor.
-    """
-
-    columns: str
-    value: float
-    stderr: float
-    chance: float
-    less: float
-
-    @property
-    def size(self) -> str:
-        """Value and standard error of the scale factor as text."""
-        return str(measured(self.value, self.stderr, "1"))
-
-    @property
-    def wrong(self) -> bool:
-        """True if neither chance, an instrument nor a gear explains the scale factor."""
-        return self.chance < CHANCE and abs(self.value - 1.0) > SMALLEST
-
-
-def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
-    """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
-
-    A scale factor of one column must reduce the residual by a factor of 1.5. For a scale factor of all positions no
-    reduction is required: longer links would fit equally well. fit: fit of the standard model.
-
-    r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine,
-    such as compliances. A: columns of all constants. c: column of a factor f.
-
-        r = P ρ + A θ + (f - 1) c + e,   θ ~ N(0, τ² I),   e ~ N(0, σ² I)
-
-    Positions 1 % too large and links all described 1 % too short move the points alike. τ, the standard deviation of
-    the errors of the description, determines the probability of an error of all links. f is the generalised least
-    squares estimate; (f - 1) over its standard error has Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²)
-    degrees of freedom, the number of constants that determine τ; s_k: singular values. Source: MacKay (1992), Bayesian
-    Interpolation.
-    """
-    whole, *each = _factors(fit, poses.subset(np.delete(np.arange(len(poses)), fit.outliers))) or (None,)
-    best = max((f for f in each if f.wrong and f.less > BETTER), key=lambda f: f.less, default=whole)
-    if best is None:
-        return
-    by = (
-        " against the lengths described"
-        if best is whole
-        else f": with this factor removed, the residual is {best.less:.3g} times smaller"
-    )
-    if best.wrong:
-        unfit = "columns with a wrong scale" if abs(best.value - 1.0) > IMPOSSIBLE else ""
-        text = (
-            f"{best.columns} scaled by {best.size}{by}; expected 1: check the unit, the length standard or "
-            "the gear ratio"
-        )
-        yield "warning", text, unfit
-    else:
-        yield "note", f"scale of x, y and z{by}: {best.size}", ""
-
-
-def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
-    """Estimate the scale factor of all positions, then of each of x, y, z and each joint; empty without positions."""
-    mechanism, problem = fit.model.mechanism, problem_at(fit, poses)
-    if problem.reduced is not None or not np.isfinite(poses.dataset.position).any():
-        return []
-    pool = candidates(mechanism, poses.states, [f for f in catalogue if f.name in HEALTHY])
-    healthy = problem.effect_rows([e for c in pool for e in c.effects], fit.model)
-    placed, constants = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
-    taken = rank.orthonormal(np.hstack([placed, healthy]))
-    readings = problem.residual + constants @ fit.theta
-    u, s, _ = linalg.svd(rank.remove(taken, constants), full_matrices=False, lapack_driver="gesvd")
-    effects = list(_effects(mechanism))
-    columns = rank.remove(taken, problem.effect_rows(effects, fit.model))
-    shown = np.linalg.norm(columns, axis=0) > rank.NEGLIGIBLE
-    before = spread(u * s, readings, taken, MOST)[1]
-    return [_factor(effects[k].name, (u, s), readings, (taken, columns[:, k]), before) for k in np.flatnonzero(shown)]
-
-
-def _effects(mechanism: Mechanism) -> Iterator[Effect]:
-    """Yield the effect of each scale factor (of x, y and z together, of each axis, of each joint) per unit. A joint
-    with too large values moves less than the column states."""
-    for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
-        terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
-        yield Effect(name, terms, "1")
-    for joint in mechanism.joints:
-        yield drive_effect(f"column '{joint.name}' looks", joint, Expression(f"-1*{joint.name}"), "1")
-
-
-def _factor(
-    name: str, constants: tuple[Array, Array], readings: Array, free: tuple[Array, Array], before: float
-) -> Factor:
-    """Estimate one scale factor of columns.
-
-    constants: left singular vectors (measurements, values) and singular values of the columns of the constants.
-    free: columns of the parameters without priors, and of the factor, orthogonal to them.
-    before: standard deviation of the residual without the factor, m.
-    """
-    (u, s), (taken, column) = constants, free
-    reach, sigma, _ = spread(u * s, readings, np.column_stack([taken, column]), MOST)
-    known = (reach * s) ** 2 / ((reach * s) ** 2 + sigma**2)
-    weighed = (column - u @ (known * (u.T @ column))) / sigma**2
-    stderr = float(1.0 / np.sqrt(column @ weighed))
-    off = float(weighed @ readings) * stderr**2
-    return Factor(name, 1.0 + off, stderr, float(2 * special.stdtr(known.sum(), -abs(off) / stderr)), before / sigma)

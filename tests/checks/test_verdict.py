@@ -15,7 +15,8 @@ from gpmodel.api.check import check
 from gpmodel.api.results import write_numbers
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw
-from gpmodel.checks.weak_columns import Factor, misread_column
+from gpmodel.checks.scales import Factor
+from gpmodel.checks.weak_columns import misread_column
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
@@ -61,7 +62,7 @@ def test_a_soft_robot_is_fit_to_calibrate_with() -> None:
     arm, made = robot(60, effects=("base_compliance=2e-6",))
     judged = check(arm, made.dataset)
     assert judged.unfit == ()
-    assert any("With compliance of base and joints" in remark.text for remark in judged.findings)
+    assert any("With compliances and smooth errors of the joints" in remark.text for remark in judged.findings)
 
 
 def test_a_bad_robot_is_described_as_it_was_measured_though_parallel_joints_share_its_errors() -> None:
@@ -293,4 +294,4 @@ def test_no_accuracy_is_certified_by_predictions_of_the_model() -> None:
 
 
 def test_the_standard_error_of_a_factor_has_two_digits() -> None:
-    assert Factor("x, y and z", 1.0000012, 0.0000031, 0.5, 1.0).size == "1.0000012 ± 0.0000031"
+    assert Factor("x, y and z", 1.0000012, 0.0000031, 0.5, 1.0, 0.0).size == "1.0000012 ± 0.0000031"
