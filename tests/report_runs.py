@@ -8,7 +8,7 @@ from effect_cases import measure, mechanism
 from loop_cases import SMALL, quick, robot
 
 from gpmodel.application.compensator import slot_task
-from gpmodel.calibration.comparison import fit_steps, nested_models, step_of
+from gpmodel.calibration.comparison import fit_steps, nested_models, steps_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.state import Discovery
@@ -88,7 +88,7 @@ def evolved() -> Report:
     runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]
     counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
     unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
-    start = Ladder(poses, train, [step_of("standard", fit, poses.subset(train), unseen)], fit, final_rows=train)
+    start = Ladder(poses, train, steps_of([("standard", fit)], poses.subset(train), unseen), fit, final_rows=train)
     origin = Origin("gpmodel evolve measured.csv", 0, 2.0)
     return from_evolution(start, runs, counted, origin, compensation(runs, task.problem))
 

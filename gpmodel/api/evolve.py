@@ -30,7 +30,7 @@ from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import Shown, TableLike, aligned
 from gpmodel.application.compensator import TrainingProblem, cartesian_task, slot_task
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Models, step_of
+from gpmodel.calibration.comparison import Models, steps_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
@@ -334,8 +334,7 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
     named = tuple(e for e in models[-1][1] if e not in models[0][1])
-    steps = [step_of(name, fit, seen, unseen) for name, fit in fits]
-    return Ladder(poses, train, steps, fits[-1][1], named, final_rows=train)
+    return Ladder(poses, train, steps_of(fits, seen, unseen), fits[-1][1], named, final_rows=train)
 
 
 def _finished(

@@ -90,13 +90,11 @@ def fit_steps(
     return steps_of(fits, train, heldout)
 
 
-def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
-    """Compute the errors of a fitted model on its training poses and on held-out poses."""
-    return steps_of([(name, fit)], train, heldout)[0]
-
-
 def steps_of(fits: Sequence[tuple[str, Calibration]], train: Poses, heldout: Poses) -> tuple[Step, ...]:
-    """Compute the errors of named fits, all by the weights of the last fit, so that the models are comparable."""
+    """Compute the errors of named fits, all by the weights of the last fit, so that the models are comparable.
+
+    A further fit changes the weights of all steps: the steps are then computed again.
+    """
     weights, known = fits[-1][1].weights, known_rows(train.dataset, heldout.dataset)
     there = heldout.subset(known)
 

@@ -1,20 +1,25 @@
 """Test that each kind of measurement in a table counts by its own noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from effect_cases import Truth, bare, measure, mechanism, true_tips
+from instances import some
 
 import gpmodel as gp
+from gpmodel.api.evolve import _start as start_of_evolve
+from gpmodel.api.fleet import _judged as judged_fleet
 from gpmodel.calibration import gauss_newton
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.formula.expression import Expression
+from gpmodel.hierarchy.further import further_machine
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
@@ -135,3 +140,40 @@ def test_a_search_weighs_kinds_again_after_every_finding() -> None:
         if kind.name in noise:
             assert found.final.noise_of(kind) == pytest.approx(noise[kind.name], rel=0.1), kind.name
     assert error_at_new_poses(found.final, truth) < noise["position"]
+
+
+def of_evolve(arm: Mechanism, poses: Poses, effects: tuple[Effect, ...]) -> Sequence[Step]:
+    models = (("standard", geometric_effects(arm)), ("effects", (*geometric_effects(arm), *effects)))
+    return start_of_evolve(poses, np.arange(60), models, (arm, True, 0)).steps
+
+
+def of_a_fleet(arm: Mechanism, poses: Poses, effects: tuple[Effect, ...]) -> Sequence[Step]:
+    parts = [poses.subset(np.arange(k, 80, 2)) for k in range(2)]
+    rows = [(np.arange(35), np.arange(35, 40))] * 2
+    model = (*geometric_effects(arm), *effects)
+    return judged_fleet([(arm, part) for part in parts], rows, [[("registration", ()), ("all", model)]] * 2, model, 0)[
+        0
+    ]
+
+
+def of_a_further_machine(arm: Mechanism, poses: Poses, effects: tuple[Effect, ...]) -> Sequence[Step]:
+    tables = {str(k): poses.subset(np.arange(k, 80, 2)).dataset for k in range(2)}
+    fleet = gp.fleet(arm, tables, list(effects), holdout=0.0)
+    return further_machine(fleet.record, arm, poses.subset(np.arange(60)), poses.subset(np.arange(60, 80))).steps
+
+
+@pytest.mark.parametrize("steps_of", some([of_evolve, of_a_fleet, of_a_further_machine], of_evolve, of_a_fleet))
+def test_all_steps_of_a_ladder_weigh_the_kinds_alike(
+    steps_of: Callable[[Mechanism, Poses, tuple[Effect, ...]], Sequence[Step]],
+) -> None:
+    """The first model lacks an effect, by which positions and coarse distances have about equal residuals."""
+    arm = mechanism("ur5")
+    wave = drive_effect("wave", arm.joints[1], Expression(f"sin(2*{arm.joints[1].name})"))
+    data = measure("ur5", (wave,), [5e-3], 3, count=80, see=("position", "distance")).poses.dataset
+    off = np.random.default_rng(0).normal(0.0, 1e-3, 80)
+    poses = prepare(arm, replace(data, distances={name: values + off for name, values in data.distances.items()}))
+    first, *_, last = steps_of(arm, poses, (wave,))
+    train = poses.subset(np.arange(60) if steps_of is not of_a_fleet else np.arange(0, 70, 2))
+    weighed, own = (errors_on(first.calibration, train, fit.calibration.weights) for fit in (last, first))
+    assert np.abs(np.log(weighed / own)).max() > 0.2
+    assert first.train_error == pytest.approx(weighed)
