@@ -108,6 +108,16 @@ class NextCheck(Shown):
         """True if the model is valid for the machine; None if the check is not yet decided."""
         return None if self.judged is None or not self.decided else self.judged.holds
 
+    @property
+    def _unrepaired(self) -> str:
+        """Reason why a decided check has no repaired model."""
+        if self.judged is not None and self.judged.record.divided:
+            return (
+                "No repaired model: the rows were measured with two values of a constant. Measure all rows with one "
+                "tool and one load. If a joint has two zeros, repair its play first."
+            )
+        return "No repaired model: no single change explains the poses. Calibrate again."
+
     def summary(self) -> str:
         """Return the state of the check as text: the result so far and the pose to measure next."""
         from gpmodel.report.verification_words import sentences
@@ -137,11 +147,7 @@ class NextCheck(Shown):
             )
         elif self.decided:
             lines.append(f"Decided after {self.poses} poses.")
-            lines.append(
-                "No repaired model: no single change explains the poses. Calibrate again."
-                if self.repaired is None
-                else self.repaired.summary()
-            )
+            lines.append(self._unrepaired if self.repaired is None else self.repaired.summary())
         else:
             lines.append(f"The change is not identified after {self.poses} poses.")
         if self.next is not None:
@@ -174,7 +180,8 @@ def next_check(
     lacking = pool.unseen(spent, 1e-3 * limit) if result.holds else ()
     repair = None if result.holds else repaired(found, pool)
     apart = None if repair is None or count >= NAMED_BY else repair.apart
-    open_still = count < NAMED_BY and (found.suspect is not None if result.holds else len(record.changes) != 1)
+    unnamed = not (record.divided or (len(record.changes) == 1 and found.complete))
+    open_still = count < NAMED_BY and (found.suspect is not None if result.holds else unnamed)
     further = apart if apart is not None else pool.next(fresh.q) if lacking or open_still else None
     suspect = "" if found.suspect is None else found.suspect.name
     if further is not None:

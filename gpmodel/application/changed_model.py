@@ -29,7 +29,7 @@ def with_changes(session: Session, problem: Linearised, changes: Sequence[Possib
                 known.append(effect.terms)
                 added.append(effect)
             columns.append({count + known.index(effect.terms): 1.0})
-        if change.kind == "size":
+        if change.kind == "size" and change.at:
             columns.append({k: float(saved.theta[k - count]) for k in change.at})
         else:
             columns += [{k: 1.0} for k in change.at]

@@ -40,6 +40,7 @@ class NamedChange:
     rivals: names of other changes that explain the later poses as well, and of those in the 95 % credible set, the most
     probable first.
     shares: posterior probabilities of the change and of the rivals.
+    rows: rows of the table with the changed value, if the other rows do not have it; empty for a change of all rows.
     """
 
     name: str
@@ -50,6 +51,7 @@ class NamedChange:
     chance: Share
     rivals: tuple[str, ...]
     shares: tuple[Share, ...] = ()
+    rows: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,17 +65,18 @@ class Visible:
 
 def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
-) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """Return the significant changes of a machine, and the residual without all of them.
+) -> tuple[float, tuple[NamedChange, ...], Recheck]:
+    """Return the log posterior probability of the significant changes of a machine, nats, the changes, and the residual
+    without all of them.
 
     A displaced frame includes smaller changes, as of a joint zero or the tool. If a displaced frame is selected, the
     changes are selected again without frames, and the more probable of both results is returned.
     """
     result, frames = _selected(found, tried, significance), {change.name for change in tried if change.of_a_frame}
     if frames.isdisjoint(change.name for change in result[1]):
-        return result[1:]
+        return result
     single = [change for change in tried if change.name not in frames]
-    return max(result, _selected(found, single, significance), key=lambda one: one[0])[1:]
+    return max(result, _selected(found, single, significance), key=lambda one: one[0])
 
 
 def _selected(
@@ -83,7 +86,8 @@ def _selected(
     posterior probability of all of them, nats, the changes with the sizes of a common fit, and the residual without
     them.
 
-    Changes that the poses do not distinguish count as one, named after the part that a repairer checks first.
+    Changes that the poses do not distinguish count as one, named after the part that a repairer checks first; a change
+    of all rows is preferred.
 
     The chance of a change is that of its F ratio over its share of the significance level (weighted Bonferroni). A
     change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
@@ -102,12 +106,12 @@ def _selected(
             break
         part = here[best].part_of(left.z)
         alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
-        alike.sort(key=lambda k: (kinds.index(here[k].kind), -shares[k]))
+        alike.sort(key=lambda k: (bool(here[k].rows), kinds.index(here[k].kind), -shares[k]))
         best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
         chosen, rivals = here[best], [k for k in np.argsort(-shares) if k != best and k in {*alike, *credible}]
         named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
         size = chosen.fitted(left.z)
-        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named, chosen.rows))
         left = left.without(_explained_columns(chosen, left))
         taken.append(tried[best])
         if chosen.of_a_frame:

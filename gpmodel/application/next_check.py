@@ -78,6 +78,10 @@ def level(saved: SavedModel, dataset: Dataset) -> float:
     return significance(len(starts))
 
 
+def _excluded(change: PossibleChange) -> bool:
+    return change.kind in EXCLUDED and not change.of_a_frame and not change.rows
+
+
 @dataclass(frozen=True)
 class Pool:
     """Candidate poses of a check: the poses of the model's fit, which the arm can reach.
@@ -112,7 +116,7 @@ class Pool:
     @cached_property
     def _tried(self) -> list[PossibleChange]:
         """Changes of the machine, of one part each, that a check has to exclude before it confirms the model."""
-        return [] if self.found is None else [c for c in self.found.tried if c.kind in EXCLUDED and not c.of_a_frame]
+        return [] if self.found is None else [c for c in self.found.tried if _excluded(c)]
 
     def reads(self, change: PossibleChange) -> bool:
         """Return whether the candidate poses have all inputs (columns) of a possible change."""

@@ -4,20 +4,20 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain
 from typing import Literal
 
 import numpy as np
 
 from gpmodel.application.recheck import Recheck, kept_by
+from gpmodel.application.uncatalogued import BREAK, uncatalogued
 from gpmodel.arrays import Array
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
-from gpmodel.families.angle import prismatic
 from gpmodel.families.candidate import Candidate, without_phase
 from gpmodel.families.load import mass_at_tool, moments_at_tool
-from gpmodel.families.session import MOST_STEPS, arm_growth
+from gpmodel.families.session import arm_growth
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
 from gpmodel.mechanism.source import choice_of
@@ -46,9 +46,6 @@ PIXELS = lens.NAMES[:4]
 """Names of the lens parameters that are in pixels."""
 DISPLACED = "displacement of"
 """First words of the name of a displacement of a frame: all its geometric constants change together."""
-EITHER_SIDE = 3
-"""Least number of positions of a prismatic joint before and after a step of its guideway: three points determine a
-displacement."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
 """Largest number of half waves over the rows of a drifting set-up, and least number of poses per half wave."""
 
@@ -64,6 +61,7 @@ class PossibleChange:
     set-up, because its axes and rows are equally likely.
     effects: effects that the change adds to the model. at: columns of the linear problem that the change moves, if the
     change adds no effect.
+    rows: rows of the table that have the changed value, if the other rows do not; empty for a change of all rows.
     """
 
     name: str
@@ -74,11 +72,15 @@ class PossibleChange:
     effects: tuple[Effect, ...] = ()
     at: tuple[int, ...] = ()
     price: float = 0.0
+    rows: tuple[int, ...] = ()
 
     @property
     def of_a_frame(self) -> bool:
-        """True for a displacement of a whole frame, which includes the changes of its single constants."""
-        return self.kind == "geometry" and len(self.effects) > 1
+        """True for a displacement of a whole frame, which includes the changes of single constants.
+
+        A motion of the set-up between rows includes, for example, the two zeros of a first joint.
+        """
+        return len(self.effects) > 1 and (self.kind == "geometry" or (self.kind == SET_UP and bool(self.rows)))
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -160,34 +162,53 @@ def zero_of(joint: str) -> str:
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
     """Return all changes that the later poses could reveal, each with its share of the significance level."""
     raw = [
-        *_growth(found), *_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found),
-        *_steps_of_guideways(found),
+        *_growth(found), *_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_causes(found),
     ]  # fmt: skip
+    return with_shares(found, raw)
+
+
+def with_shares(found: Recheck, raw: Sequence[PossibleChange], price: float = 0.0) -> tuple[PossibleChange, ...]:
+    """Whiten the columns of possible changes, and give each its share; changes that the poses cannot reveal are
+    omitted. price: further penalty of every change, nats."""
     all_of = list(_seen(found, raw))
     sums = Counter[Kind]()
     for m in all_of:
         sums[m.kind] += np.exp(-m.price)
-    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price) / sums[m.kind])) for m in all_of)
+    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price - price) / sums[m.kind])) for m in all_of)
+
+
+def constants(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield the changes of one constant of the machine, or of the load, that a model can contain as effects."""
+    model, theta = found.session.saved.model, found.session.saved.theta
+    tool = tuple(effect_at(f"tool point {axis}", "tool", axis) for axis in AXES[:3])
+    yield PossibleChange("tool point", "tool", "m", found.rows_of(tool), effects=tool)
+    yield from chain(_growth(found), _zeros(found), _mass(found))
+    for change in _sizes(found):
+        if change.kind == "size":
+            own = [k - found.problem.placement for k in change.at]
+            terms = [replace(t, weight=t.weight * theta[k]) for k in own for t in model.effects[k].terms]
+            yield replace(change, effects=(Effect(change.name, tuple(terms), change.unit),), at=())
+    yield from (change for change in _geometry(found) if not change.of_a_frame)
 
 
 def _growth(found: Recheck) -> Iterator[PossibleChange]:
     """Yield the thermal growth of all lengths as a possible change, at a temperature that the table need not state."""
     for effect in arm_growth("scale of the machine", found.session.saved.mechanism, ONE, "1", "thermal_growth"):
-        raw = found.problem.effect_rows([effect], found.session.saved.model)
+        raw = found.rows_of([effect])
         yield PossibleChange(effect.name, "growth", effect.unit, raw, effects=(effect,))
 
 
 def _zeros(found: Recheck) -> Iterator[PossibleChange]:
     joints = found.session.saved.mechanism.joints
     effects = [drive_effect(zero_of(joint.name), joint, ONE) for joint in joints]
-    raw = found.problem.effect_rows(effects, found.session.saved.model)
+    raw = found.rows_of(effects)
     for k, effect in enumerate(effects):
         yield PossibleChange(effect.name, "zero", effect.unit, raw[:, [k]], effects=(effect,))
 
 
 def _tools(found: Recheck) -> Iterator[PossibleChange]:
     names, columns = found.problem.placement_names, found.problem.columns
-    for label in (n for n in found.session.saved.placement.tool if n not in found.session.again):
+    for label in () if found.session.tool else found.session.saved.placement.tool:
         title = f"tool{f' {label}' if label else ''}"
         at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
         if at:
@@ -208,7 +229,7 @@ def _mass(found: Recheck) -> Iterator[PossibleChange]:
     effect = mass_at_tool(*carrying, None if stated else point)
     if effect is not None:
         effects = (effect, *(() if stated else moments_at_tool(*carrying)))
-        raw = found.problem.effect_rows(effects, saved.model)
+        raw = found.rows_of(effects)
         yield PossibleChange(effect.name, "tool", effect.unit, raw, effects=effects)
 
 
@@ -237,7 +258,7 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
         if not effect.constant and theta[k]:
             groups.setdefault(without_phase(effect.name), []).append(k)
     for name, at in groups.items():
-        raw, unit = found.problem.effect_rows([model.effects[k] for k in at], model), model.effects[at[0]].unit
+        raw, unit = found.rows_of([model.effects[k] for k in at]), model.effects[at[0]].unit
         columns = tuple(found.problem.placement + k for k in at)
         yield PossibleChange(name, "size", "1", raw @ theta[at, None], at=columns)
         if len(at) > 1 and name != model.effects[at[0]].name:
@@ -249,7 +270,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
     mechanism = found.session.saved.mechanism
     zeros = {drive_effect("", joint, ONE).terms for joint in mechanism.joints}
     effects = geometric_effects(mechanism)
-    raw = found.problem.effect_rows(effects, found.session.saved.model)
+    raw = found.rows_of(effects)
     together: dict[tuple[str, ...], list[int]] = {}
     for k, effect in enumerate(effects):
         together.setdefault(effect.slots, []).append(k)
@@ -262,53 +283,37 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
             yield PossibleChange(name, "geometry", its[0].unit, raw[:, at], effects=its, price=catalogue.PLAIN_COST)
 
 
-def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield possible changes: catalogue effects that the model lacks, of one number, or amplitude and phase.
+def _causes(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield possible changes: catalogue effects that the model lacks, of one number, or amplitude and phase, and causes
+    that the catalogue lacks.
 
     Slips of the tool during the session are also possible along all axes together.
     """
     model, poses = found.session.saved.model, found.problem.poses
     own, clock = {effect.name for effect in model.effects}, clock_of(poses.dataset)
     offered = [
-        (kind, c) for c in catalogue.candidates(model.mechanism, poses.states)
+        (kind, c)
+        for c in chain(catalogue.candidates(model.mechanism, poses.states), uncatalogued(model.mechanism, poses.states))
         if (kind := _kind_of(c, {ROW, clock})) and not own & {e.name for e in c.effects}
     ]  # fmt: skip
     if not offered:
         return
-    raw = found.problem.effect_rows([e for _, c in offered for e in c.effects], model)
+    raw = found.rows_of([e for _, c in offered for e in c.effects])
     ends = np.cumsum([len(c.effects) for _, c in offered])[:-1]
     for (kind, candidate), columns in zip(offered, np.split(raw, ends, axis=1), strict=True):
         price = 0.0 if kind == SET_UP else candidate.cost
-        yield PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects, price=price)
+        yield PossibleChange(
+            candidate.name, kind, candidate.effects[0].unit, columns, effects=candidate.effects, price=price
+        )
 
 
 def _kind_of(candidate: Candidate, clocks: set[str | None]) -> Kind | None:
     """Return the kind of change that a catalogue candidate is; None for a candidate that sums functions."""
-    if candidate.kind not in ("single", "harmonic") and candidate.family != SLIP:
+    if candidate.kind not in ("single", "harmonic") and candidate.family not in (SLIP, BREAK):
         return None
     effects = candidate.effects
     aside = all(e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= clocks) for e in effects)
     return SET_UP if aside else "catalogue"
-
-
-def _steps_of_guideways(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield sudden steps of the guideways of prismatic joints, between two neighbouring positions of the poses, along
-    each axis alone and along all axes, as where two parts of a rail meet."""
-    model, states = found.session.saved.model, found.problem.poses.states
-    for joint in prismatic(model.mechanism):
-        positions = np.unique(np.round(1e3 * states[joint.name], 1))
-        gaps = list(pairwise(positions))[EITHER_SIDE - 1 : 1 - EITHER_SIDE]
-        gaps = gaps[:: max(1, len(gaps) // MOST_STEPS)]
-        for low, high in gaps:
-            name = f"step of the guideway between {low:.6g} and {high:.6g} mm, {joint.name}"
-            basis = Expression(f"step({joint.name} - {5e-4 * (low + high):.9g})")
-            effects = tuple(effect_at(f"{name}, {axis}", joint.drive[0][0], axis, basis) for axis in AXES)
-            raw = found.problem.effect_rows(effects, model)
-            price = catalogue.PLAIN_COST + float(np.log(len(gaps)))
-            yield PossibleChange(name, "catalogue", "m", raw, effects=effects, price=price)
-            for k, effect in enumerate(effects):
-                each = price + float(np.log(len(AXES)))
-                yield PossibleChange(effect.name, "catalogue", effect.unit, raw[:, [k]], effects=(effect,), price=each)
 
 
 def wander(found: Recheck) -> Array:
@@ -319,7 +324,7 @@ def wander(found: Recheck) -> Array:
     along = f"(row - {rows.min()})/{max(int(np.ptp(rows)), 1)}"
     bases = [Expression(f"cos({np.pi * k:.9g}*{along})") for k in range(1, waves + 1)]
     effects = [effect_at(f"{basis} {axis}", INSTRUMENT, axis, basis) for basis in bases for axis in AXES]
-    return found.whitened(found.problem.effect_rows(effects, found.session.saved.model))
+    return found.whitened(found.rows_of(effects))
 
 
 def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleChange]:
@@ -335,8 +340,13 @@ def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleCha
 
 def log_likelihood(left: Recheck, explained: float = 0.0) -> float:
     """Return the log likelihood, nats, of a residual if a part of its chi-square is explained."""
-    rest, freedom = max(left.chi_square - explained, 0.0), left.freedom
-    return -0.5 * float(rest if np.isinf(freedom) else (freedom + left.degrees) * np.log1p(rest / freedom))
+    return float(student(np.array(max(left.chi_square - explained, 0.0)), left.degrees, left.freedom))
+
+
+def student(chi_square: Array, degrees: int, freedom: float) -> Array:
+    """Return Student's log likelihood, nats, of a chi-square of `degrees` values if σ has `freedom` degrees."""
+    rest = chi_square if np.isinf(freedom) else (freedom + degrees) * np.log1p(chi_square / freedom)
+    return -0.5 * np.asarray(rest, dtype=float)
 
 
 def chance_by_noise(found: Recheck, score: float, numbers: int) -> float:

@@ -10,6 +10,7 @@ freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degr
 (1973), chapter 4a.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,12 +23,13 @@ from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised, effect_columns, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import has_functions, uncertain_functions
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
@@ -45,19 +47,14 @@ class Session:
     """A fitted model with the registration of a later session.
 
     use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
-    again: labels of the tools that are fitted again.
+    tool: True if the tool point of every tool is fitted again.
     """
 
     saved: SavedModel
     poses: Poses
     use: Mask
     fitted: Placement
-    again: frozenset[str] = frozenset()
-
-    @property
-    def tool(self) -> bool:
-        """True if the tool point of every tool is fitted again."""
-        return self.again.issuperset(self.saved.placement.tool)
+    tool: bool = False
 
     @property
     def problem(self) -> Linearised:
@@ -84,10 +81,10 @@ class Session:
     def anew(self, problem: Linearised) -> Mask:
         """Return a mask of the columns (parameters) that the later session fits.
 
-        A later session fits registration and stationary objects, the tools `again`, and with all tools also the objects
-        on links. Effects and lenses keep the model's values.
+        A later session fits registration and stationary objects, and with the tools also the objects on links. Effects
+        and lenses keep the model's values.
         """
-        kept = [label for label in self.saved.placement.tool if label not in self.again]
+        kept = () if self.tool else self.saved.placement.tool
         held = {f"{f'tool {label}'.rstrip()} {axis}" for label in kept for axis in AXES}
         for kind, key in kept_by(self.saved, self.poses.dataset):
             held |= {f"{key} {own}" for own in kind.own[key]}
@@ -95,9 +92,10 @@ class Session:
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
-        """Return the later session after a step of registration and tool, m and rad."""
-        placement = placement_after(problem.observed, self.saved.placement, step)
-        return replace(self, saved=replace(self.saved, placement=placement))
+        """Return the later session after a step of registration and tool, m and rad, and of the effects."""
+        placement = placement_after(problem.observed, self.saved.placement, step[: problem.placement])
+        theta = self.saved.theta + step[problem.placement :]
+        return replace(self, saved=replace(self.saved, placement=placement, theta=theta))
 
 
 def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
@@ -112,12 +110,12 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
 
 
 def settled(
-    saved: SavedModel, dataset: Dataset, start: Placement | None = None, again: frozenset[str] | None = None
+    saved: SavedModel, dataset: Dataset, start: Placement | None = None, effects: frozenset[str] = frozenset()
 ) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
     saved: model of effects that apply later. start: initial registration and tool point, if the tool is also
-    fitted; None to keep the model's tool point. again: labels of the tools to fit, None for all tools of `start`.
+    fitted; None to keep the model's tool point. effects: names of the effects that are fitted too.
     Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
@@ -127,15 +125,13 @@ def settled(
     check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
     everything = np.ones(len(dataset), dtype=bool)
-    every = frozenset() if start is None else frozenset(start.tool)
-    session = Session(placed, poses, everything, fitted, every if again is None else again)
+    session = Session(placed, poses, everything, fitted, start is not None)
     for _ in range(PASSES):
         problem = session.problem
-        free, step = session.anew(problem), np.zeros(problem.placement)
-        columns = problem.columns[:, free]
-        step[free[: problem.placement]] = np.linalg.lstsq(columns, problem.residual, rcond=1e-12)[0]
-        session = session.moved(problem, step)
-        session = session.without_outliers()
+        free, step = session.anew(problem), np.zeros(problem.columns.shape[1])
+        free[problem.placement :] = [effect.name in effects for effect in saved.model.effects]
+        step[free] = np.linalg.lstsq(problem.columns[:, free], problem.residual, rcond=1e-12)[0]
+        session = session.moved(problem, step).without_outliers()
     return session
 
 
@@ -269,6 +265,15 @@ class Recheck:
         component = np.nonzero(self.problem.weights > 0)[1]
         first = np.unique(self.blocks.block, return_index=True)[1]
         return np.asarray(self.problem.observed.turns[component[first]])
+
+    def rows_of(self, effects: Sequence[Effect]) -> Array:
+        """Return the weighted derivatives of the measured rows with respect to the coefficient of each effect.
+
+        `Linearised.effect_rows` omits the part of an instrument's error that a tool absorbs; a later session keeps the
+        tool of the model.
+        """
+        problem, model = self.problem, self.session.saved.model
+        return problem.weigh(effect_columns(tuple(effects), model, problem.poses, problem.observed))
 
     def whitened(self, columns: Array) -> Array:
         """Return whitened columns of the linear problem, with the session's fitted columns projected out."""

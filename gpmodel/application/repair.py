@@ -108,11 +108,13 @@ class _Fit:
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
     """Refit a model to the poses of a check that identified a change.
 
-    The refitted model is None if no change is identified, if the rows divide into two tools, or if no measurement is in
-    an instrument's frame.
+    The refitted model is None if no change is identified, if the changes do not explain the poses, if the rows divide
+    between two values of a constant, or if no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
-    if found.verdict != "drifted" or not found.changes or found.two_tools or without_frame(observations(data)):
+    divided = any(change.rows and change.kind != SET_UP for change in found.changes)
+    identified = found.verdict == "drifted" and found.changes and found.complete
+    if not identified or divided or without_frame(observations(data)):
         return None
     near = found.near
     before, ((_, changes), *others) = near.session.saved, list(_causes(found))
@@ -143,8 +145,8 @@ def _causes(found: Verified) -> Iterator[tuple[float, list[PossibleChange]]]:
 
 
 def _lasting(fit: _Fit, changes: Sequence[PossibleChange]) -> Mask:
-    """Return a mask of the effects of the model without those of the set-up."""
-    aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
+    """Return a mask of the effects of the model without those of the set-up and of single rows."""
+    aside = {e.name for change in changes if change.kind == SET_UP or change.rows for e in change.effects}
     return np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
 
 
@@ -172,9 +174,7 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
         right = np.concatenate([blocks.means(problem.residual), -sigma * total])
         own = np.linalg.lstsq(left, right, rcond=1e-13)[0]
         total = total + own[free.sum() :]
-        moved, count = step @ own, problem.placement
-        saved = replace(session.saved, theta=session.saved.theta + moved[count:])
-        session = replace(session, saved=saved).moved(problem, moved[:count]).without_outliers()
+        session = session.moved(problem, step @ own).without_outliers()
     return _Fit(session, changed, problem, left, step, sigma)
 
 

@@ -4,18 +4,19 @@ The registration is fitted again, because an instrument is never set up at an id
 not refit the tool point of the model.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from gpmodel.application.changed_model import with_changes
+from gpmodel.application.divided_rows import divided
 from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
-from gpmodel.application.two_tools import TwoTools, two_tools
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
@@ -38,6 +39,8 @@ complete if the remaining chi-square is not significant, or at most this share."
 COMPUTED = 0.02
 """Residual, in units of the noise of the fit, below which positions were computed from the model: no later instrument
 has a fiftieth of the noise."""
+DIVISIONS = 3
+"""Number of divisions, each given the changes of all rows beside the previous one; the second is usually the last."""
 FAR = 5e-4
 """RMS residual, m, above which the tool point is fitted again, not corrected linearly. At half a millimetre on a 0.2 m
 arm the second-order error of a rotation is a micrometre."""
@@ -56,8 +59,8 @@ class Verified:
     outside: inputs beyond the model's ranges.
     instrument: True if the measurements contain the model's instrument errors; None for a model without them.
     tried: all tested changes. suspect: the most probable change if it is more probable than no change.
-    two_tools: True if the rows divide into two tools. explained: True if the residual without the changes is not
-    significant.
+    explained: True if the residual without the changes is not significant. complete: True if it is not significant, or
+    hardly a part of the residual, so that the model can be repaired.
     """
 
     verdict: Verdict
@@ -71,8 +74,8 @@ class Verified:
     instrument: bool | None
     tried: tuple[PossibleChange, ...]
     suspect: PossibleChange | None
-    two_tools: bool = False
     explained: bool = False
+    complete: bool = False
 
     @property
     def session(self) -> Session:
@@ -116,11 +119,7 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
-    judged = _Judged.of(_near(found, alone.placement), significance)
-    doubtful = judged.left.chance < significance or not found.session.use.all()
-    if doubtful and (two := two_tools(judged.near, FAR)) is not None:
-        divided = _Judged.of(two.found, significance, two)
-        judged = divided if divided.complete else judged
+    judged = _with_divided_rows(_Judged.of(_near(found, alone.placement), significance), found, significance)
     near, tried, named, left = judged.near, judged.tried, judged.named, judged.left
     moved = _moved_tools(saved, judged)
     session = found.session
@@ -143,35 +142,70 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         visible=visible(near, tried, significance),
         instrument=instrument,
         tried=tried,
-        suspect=suspected(near, tried),
-        two_tools=judged.two is not None,
+        suspect=suspected(near, [change for change in tried if not change.rows]),
         explained=left.chance >= significance,
+        complete=judged.complete,
     )
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """Changes of a machine. near: residuals of the session. left: residuals without the selected changes `named`."""
+    """Changes of a machine.
+
+    near: residuals of the session. left: residuals without the selected changes `named`. nats: log posterior
+    probability of the changes and of the outliers, each of which has a displacement of its own.
+    """
 
     near: Recheck
     tried: tuple[PossibleChange, ...]
     named: tuple[NamedChange, ...]
     left: Recheck
     nothing_else: bool
-    two: TwoTools | None = None
+    nats: float
 
     @classmethod
-    def of(cls, near: Recheck, significance: float, two: TwoTools | None = None) -> "_Judged":
-        """Select the changes that explain the residuals `near`. two: division of the rows into two tools."""
-        tried = possible_changes(near)
-        named, left = changes(near, tried, significance)
-        return cls(near, tried, named, left, left.chance >= significance and len(named) < MOST, two)
+    def of(cls, near: Recheck, significance: float, divisions: Sequence[PossibleChange] = ()) -> "_Judged":
+        """Select the changes that explain the residuals `near`. divisions: changes of a part of the rows."""
+        tried = (*possible_changes(near), *divisions)
+        nats, named, left = changes(near, tried, significance)
+        excluded, rows = np.count_nonzero(~near.session.use), len(near.session.use)
+        each = np.log(rows) + 0.5 * len(near.problem.residual) / (rows - excluded) * np.log(near.degrees)
+        complete = left.chance >= significance and len(named) < MOST
+        return cls(near, tried, named, left, complete, nats - excluded * each)
+
+    @property
+    def known(self) -> list[PossibleChange]:
+        """Selected changes of all rows."""
+        called = {change.name for change in self.named if not change.rows}
+        return [change for change in self.tried if change.name in called]
 
     @property
     def complete(self) -> bool:
         """True if the selected changes explain the residual."""
         left, near = (one.chi_square / one.degrees for one in (self.left, self.near))
         return self.nothing_else or left < UNEXPLAINED * near
+
+
+def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> _Judged:
+    """Select the changes again, with a division of the rows between two values of a constant, if the changes of all
+    rows do not explain the residuals, if they are several, or if rows are outliers.
+
+    The division is sought without the changes of all rows, then with the changes that are selected given the division.
+    """
+    if judged.left.chance >= significance and found.session.use.all() and len(judged.named) < 2:
+        return judged
+    known: Sequence[PossibleChange] = ()
+    for _ in range(DIVISIONS):
+        division = divided(judged.near, known)
+        if division is None:
+            known = judged.known
+            continue
+        tried = _Judged.of(division.found, significance, division.changes)
+        better = tried.complete and tried.nats > judged.nats and not division.scattered
+        if better and any(change.rows for change in tried.named):
+            return tried
+        known = tried.known or judged.known
+    return judged
 
 
 def _check_units(saved: SavedModel, dataset: Dataset) -> None:
@@ -233,12 +267,10 @@ class _Placed:
         count = len(near.anew)
         return cls(near.anew, (inverse @ residual)[:count], (inverse @ inverse.T)[:count, :count])
 
-    def displaced(self, name: str, key: str, before: Array, after: Array, origin: str = "") -> NamedChange:
-        """Return the displacement, m, of the frame `key`. origin: refitted frame from which the displacement counts."""
+    def displaced(self, name: str, key: str, before: Array, after: Array) -> NamedChange:
+        """Return the displacement, m, of the frame `key`."""
         unit = np.eye(len(self.names))
         rows = unit[[self.names.index(f"{key} {axis}") for axis in AXES[:3]]]
-        if f"{origin} {AXES[0]}" in self.names:
-            rows = rows - unit[[self.names.index(f"{origin} {axis}") for axis in AXES[:3]]]
         off = after[:3, :3].T @ (after[:3, 3] - before[:3, 3]) + rows @ self.step
         size = float(np.linalg.norm(off))
         stderr = float(np.sqrt(off @ rows @ self.covariance @ rows.T @ off)) / max(size, np.finfo(float).tiny)
@@ -246,26 +278,22 @@ class _Placed:
 
 
 def _moved_tools(saved: SavedModel, judged: _Judged) -> tuple[NamedChange, ...]:
-    """Return the displacements, m, of refitted tool points and of objects on links from their positions in the model,
-    and of a second tool from the first."""
-    session, two = judged.near.session, judged.two
-    if not session.again:
+    """Return the displacements, m, of refitted tool points and of objects on links from their positions in the
+    model."""
+    session = judged.near.session
+    if not session.tool:
         return ()
     now, placed = session.saved.placement, _Placed.of(judged)
     keys = {name: f"tool {name}".rstrip() for name in now.tool}
     moved = [
         placed.displaced(f"{keys[name]} point", keys[name], saved.placement.tool[name], now.tool[name])
-        for name in now.tool if name in session.again and name in saved.placement.tool
+        for name in now.tool
     ]  # fmt: skip
-    for kind, key in kept_by(saved, session.poses.dataset) if session.tool else ():
+    for kind, key in kept_by(saved, session.poses.dataset):
         if kind.own[key] == AXES:
             before, after = (frame_of(placement.anchors[key]) for placement in (saved.placement, now))
             moved.append(placed.displaced(f"place of {key}", key, before, after))
-    out = [change for change in moved if change.value > FAR and change.stderr]
-    if two is not None:
-        first, second = two.names
-        out.append(placed.displaced(two.title, keys[second], now.tool[first], now.tool[second], keys[first]))
-    return tuple(out)
+    return tuple(change for change in moved if change.value > FAR and change.stderr)
 
 
 def misses_of(session: Session, targets: Dataset) -> Array:

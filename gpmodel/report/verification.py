@@ -12,6 +12,7 @@ import pandas as pd
 
 from gpmodel import files
 from gpmodel.application.named_changes import NamedChange, Visible
+from gpmodel.application.possible_changes import SET_UP
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
@@ -133,6 +134,11 @@ class Verification:
         units = {(k.unit, k.mm) for k in self.kinds}
         alone = len(units) == 1 and sum(k.rows for k in self.kinds) + len(self.data.outliers) >= len(self.poses)
         return units.pop() if alone else ("mm", 1.0)
+
+    @property
+    def divided(self) -> bool:
+        """True if the rows divide between two values of a constant of the machine or its load."""
+        return any(change.rows and change.kind != SET_UP for change in self.changes)
 
     @property
     def beyond_tolerance(self) -> tuple[PoseRecord, ...]:

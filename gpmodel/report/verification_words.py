@@ -27,8 +27,8 @@ MOST_ROWS, MOST_PRINTED = 400, 8
 """Number of verified rows listed on page and terminal, the largest error first; verify.csv has all rows."""
 MOST_RIVALS = 4
 """Number of alternative explanations of a change in a sentence; verify.json lists all."""
-SLIPPED, DIFFERS = "tool slipped", "differs"
-"""First words of the name of the change "slip of the tool"; last word of the name of the change to a second tool."""
+SLIPPED = "tool slipped"
+"""First words of the name of the change "slip of the tool"."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked: by chance in one of fifty tables of twenty rows."""
 NOMINAL = "nominal, as driven"
@@ -69,6 +69,8 @@ def sentences(record: Verification) -> Iterator[str]:
     for found in record.changes:
         what = "Set-up or instrument changed, not the machine" if found.kind == SET_UP else "Changed"
         yield f"{what}: {change(found)}."
+        if found.rows:
+            yield "The other rows do not have this change."
     if lasting and record.explained:
         explains = "This change explains" if len(lasting) == 1 else "These changes explain"
         yield f"{explains} the error; nothing else has changed."
@@ -121,9 +123,10 @@ def change(found: NamedChange) -> str:
     if found.kind in ("size", "growth"):
         more, by, off = ("more" if found.value > 0 else "less"), 100 * abs(found.value), 100 * found.stderr
         digits = max(0, -math.floor(math.log10(off))) if off > 0 else 1
-        return f"{found.name}: {by:.{digits}f} % ± {off:.{digits}f} % {more} than before{instead}"
-    moves = found.kind in ("zero", "tool") and not found.name.endswith(DIFFERS)
-    moved = " changed" if found.unit == "kg" else " moved" if moves else ""
+        before = "in the other rows" if found.rows else "before"
+        return f"{found.name}: {by:.{digits}f} % ± {off:.{digits}f} % {more} than {before}{instead}"
+    moved = " changed" if found.unit == "kg" else " moved" if found.kind in ("zero", "tool") else ""
+    moved = " differs" if found.rows else moved
     return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}{instead}"
 
 
