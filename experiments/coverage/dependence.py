@@ -22,7 +22,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, regions
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import gains_by_inflation, scores
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import chance_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
@@ -77,7 +77,7 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     for name, unit in units.items():
         trials = replace(there, block_of_pose=unit).permuted(rng, SHUFFLES)
         null = np.array([max(score.nats for score in scores(replace(there, values=trial), pool)) for trial in trials.T])
-        p[name] = permutation_p_value(worth, null).p < limits.significance
+        p[name] = chance_of(worth, null).p < limits.significance
     kept = gains_by_inflation(there, pool[best], tuple(inflation(there, pool[best]).values()))
     plain = p["poses"] and worth > limits.minimum_nats
     return {

@@ -19,7 +19,7 @@ from gpmodel.selection.causes import CredibleSet
 class Hypothesis:
     """A candidate effect with its score, p-value, test results and credible set, all from training poses.
 
-    chance: p-value of the candidate's gain against permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS
+    chance: p-value of the candidate's gain on random residuals. cv_rms, cv_before: cross-validated 3-D RMS
     error, m, with the candidate and without. causes: possible causes, None for a rejected candidate. rivals: names of
     alternative causes, each with the cross-validated 3-D RMS error, m, of the model with that cause.
     """

@@ -12,7 +12,7 @@ from gpmodel.discovery.refinement import detailed, refined_fit
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import RANDOM_SIGNS, chance_of
 from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate, is_program
 from gpmodel.selection.causes import credible_set
@@ -39,7 +39,8 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
     if not last.candidates:
         return Judged((), last.left.calibration)
     kept = {k.group.name: k for k in last.chosen.kept}
-    nulls = last.chosen.permutation_null, evolved_null
+    nulls = called(problem.search.here, [partial(last.chosen.null_without, name) for name in kept])
+    by_chance = dict(zip(kept, nulls, strict=True))
     residual = lru_cache(1)(problem.residual)
     fine = detailed(last.left, last.candidates)
     calibration = last.left.calibration
@@ -53,7 +54,12 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
     def verdicts(calibration: Calibration, asked: Mapping[str, Candidate]) -> dict[str, Hypothesis]:
         left = residual(calibration)
-        return of_each(asked, lambda name: _judged(left.without(asked[name].effects), asked[name], kept[name], nulls))
+
+        def look(name: str) -> Hypothesis:
+            without = left.without(asked[name].effects)
+            return _judged(without, asked[name], kept[name], (by_chance[name], evolved_null))
+
+        return of_each(asked, look)
 
     def with_causes(name: str) -> Hypothesis:
         found = judged[name]
@@ -79,11 +85,11 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group of effects. residual: residual without the group. nulls: gains on permuted residuals."""
+    """Test a selected group of effects. residual: residual without the group. nulls: gains by chance, nats."""
     before = cross_validated(residual.with_refitted_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)
-    by_chance = permutation_p_value(nats - residual.criteria.head_start * (not candidate.family), nulls[0])
+    by_chance = chance_of(nats - residual.criteria.head_start * (not candidate.family), nulls[0], RANDOM_SIGNS)
     if is_program(kept.group.found_by) and len(nulls[1]):
-        by_chance = max(by_chance, permutation_p_value(nats, nulls[1]), key=lambda found: found.p)
+        by_chance = max(by_chance, chance_of(nats, nulls[1]), key=lambda found: found.p)
     return tested(residual, candidate, score, by_chance, before)

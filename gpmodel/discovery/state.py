@@ -59,7 +59,7 @@ class Round:
 
     @property
     def stands_out(self) -> bool:
-        """True if any candidate or input of the round exceeds the permutation null, regardless of the other tests."""
+        """True if any candidate or input of the round exceeds chance, regardless of the other tests."""
         return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
 
 

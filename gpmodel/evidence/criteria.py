@@ -12,7 +12,7 @@ class Criteria:
     """Limits that a candidate effect has to pass to become a finding, and settings of the tests.
 
     Limits of the tests of one candidate effect:
-        significance: largest p-value of a candidate effect against permuted residuals.
+        significance: largest p-value of a candidate effect against residuals with random signs.
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
@@ -33,14 +33,14 @@ class Criteria:
     Selection of groups of effects:
         one_pose_share: largest share of a group's gain from a single pose; with more, the group fits an outlier.
     Poses:
-        fewest_blocks: least number of blocks of poses for a permutation test; fewer blocks have too few orders for a
-            p-value, and then only repeats of a pose are permuted together.
+        fewest_blocks: least number of blocks of poses for a test with random signs or orders of blocks; fewer blocks
+            have too few for a p-value, and then only the repeats of a pose form a block.
         blocks: number of stretches of rows, and of regions of space, with dependent errors; with ten, each stretch is
             long enough to contain a drift.
         outlier_sigmas: robust standard deviations beyond which a residual is winsorised; one Gaussian value in 5e8
             exceeds six.
         folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
-        shuffles: number of permuted residuals on which the catalogue is scored.
+        shuffles: number of residuals with random signs on which the catalogue is scored.
         confirmation: largest one-sided p-value of the held-out test that the findings predict better than the standard
             model; with a larger p-value the standard model is saved.
         input_significance: largest p-value of an input in the histogram, corrected for the number of inputs.
@@ -83,7 +83,7 @@ class Test:
 
 
 _WORDS: dict[str, Callable[[Test], str]] = {
-    "chance": lambda t: f"probability on permuted residuals {wording.chance(t.value)}, limit {t.limit}",
+    "chance": lambda t: f"probability on residuals with random signs {wording.chance(t.value)}, limit {t.limit}",
     "nats": lambda t: f"net gain {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} standard errors, limit {t.limit}",
     "stretches": lambda t: f"gain with folds of rows {t.value:.1f} standard errors, limit {t.limit}",

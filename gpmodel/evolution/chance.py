@@ -1,4 +1,4 @@
-"""Compute the p-value of a score from the largest scores of searches on permuted residuals."""
+"""Compute the p-value of a score from the largest scores of searches on random residuals."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 
+RANDOM_SIGNS = "residuals with random signs"
 FEWEST = 3
-"""Least number of scores on permuted residuals for a p-value. With fewer scores, the p-value is 1."""
+"""Least number of scores on random residuals for a p-value. With fewer scores, the p-value is 1."""
 _EULER = 0.5772156649015329
 _KURTOSIS = 5.4
 _NODES = 21
@@ -15,25 +16,25 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class PValue:
-    """A p-value from permutations. p: probability of a score as large under the null hypothesis. shuffles: number of
-    permutations. noun: noun that follows the number of permutations in a text."""
+    """A p-value from random residuals. p: probability of a score as large under the null hypothesis. shuffles: number
+    of random residuals. noun: what they are, such as permutations."""
 
     p: float
     shuffles: int
     noun: str = "permutations"
 
 
-def permutation_p_value(value: float, null: Array) -> PValue:
-    """Return the p-value of a score, given the largest scores of T searches on permuted residuals.
+def chance_of(value: float, null: Array, noun: str = "permutations") -> PValue:
+    """Return the p-value of a score, given the largest scores of T searches on random residuals.
 
     If some of the T largest scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the
     tail of the fitted distribution, otherwise the tail. With fewer than FEWEST finite scores the p-value is 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):
-        return PValue(1.0, len(null))
+        return PValue(1.0, len(null), noun)
     reached, tail = int(np.sum(finite >= value)), _tail(value, finite)
-    return PValue(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null))
+    return PValue(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null), noun)
 
 
 def _tail(value: float, null: Array) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.arrays import Count, Share
 from gpmodel.errors import InputError
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import chance_of
 from gpmodel.formula.program import Program
 
 
@@ -157,4 +157,4 @@ def _at_least(count: int, marked: int, drawn: int, total: int) -> float:
 def _by_strength(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[float, ...]:
     strongest = {name: max((r.strength for r in real if name in r.program.inputs), default=-np.inf) for name in inputs}
     by_chance = np.array([record.strength for record in null])
-    return tuple(permutation_p_value(strongest[name], by_chance).p for name in inputs)
+    return tuple(chance_of(strongest[name], by_chance).p for name in inputs)

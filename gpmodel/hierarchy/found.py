@@ -17,7 +17,7 @@ from gpmodel.evidence.cross_validation import cross_validated, paired, paired_t
 from gpmodel.evidence.dependence import depends_on_time
 from gpmodel.evidence.residual import Residual, independent_blocks, residual_of
 from gpmodel.evidence.score import fitted, with_refitted_noise
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import chance_of
 from gpmodel.evolution.variances import DECADES, GRID, best
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
@@ -68,7 +68,7 @@ def select_for_type(
         if name is None or not _passes(machines, groups[name], typical[name], criteria):
             break
         null = _null(machines, list(groups.values()), rng, criteria.shuffles)
-        if permutation_p_value(typical[name], null).p >= criteria.significance:
+        if chance_of(typical[name], null).p >= criteria.significance:
             break
         chosen[name] = left.pop(name)
         chosen = _exchanged(chosen, left, residuals)

@@ -1,14 +1,13 @@
-"""Result of a selection: groups with gains, and the permutation null of the largest gain."""
+"""Result of a selection: groups with gains, and the distribution of the largest gain by chance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauge import nonzero_in_one_fold
-from gpmodel.evidence.residual import exchangeable_blocks, permuted_blocks
+from gpmodel.evidence.residual import exchangeable_blocks
 from gpmodel.evolution.variances import best
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
@@ -21,6 +20,7 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.relinearise import Expansion, Screening
 from gpmodel.selection.scan import Scan
 from gpmodel.selection.sinusoids import sinusoid_null
+from gpmodel.selection.sparse_bayes import reestimate
 from gpmodel.table.blocks import FOLD_SEED
 
 
@@ -91,12 +91,15 @@ class Selection:
         """Names of the selected groups of effects."""
         return frozenset(kept.group.name for kept in self.kept)
 
-    @cached_property
-    def permutation_null(self) -> Array:
-        """Largest gain of any group of effects minus its description penalty, nats, on each permuted residual."""
-        screening, rng = self.offered.screening, np.random.default_rng(FOLD_SEED)
-        together = exchangeable_blocks(self.state.fitting.poses.dataset, screening.prices.limits)
-        return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
+    def null_without(self, name: str) -> Array:
+        """Return the largest net gain, nats, of any group on residuals with random signs, if one group does not exist.
+
+        The residuals are those of the model without the group `name`: the group may have absorbed the largest noise.
+        """
+        limits, rng = self.offered.screening.prices.limits, np.random.default_rng(FOLD_SEED)
+        together = exchangeable_blocks(self.state.fitting.poses.dataset, limits)
+        g = next(g for g in self.active.found if self.active.pool.groups[g].name == name)
+        return gain_null(reestimate(self.active.without(g)), self.offered.grids, together, rng, limits.shuffles)
 
 
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
@@ -124,18 +127,18 @@ def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
 
 
 MOST_NUMBERS = 1_000_000
-"""Largest number of products of groups of effects with permuted residuals in memory at once: some ten megabytes."""
+"""Largest number of products of groups of effects with random residuals in memory at once: some ten megabytes."""
 
 
 def gain_null(
     active: Active, grids: Sequence[FrequencyGrid], block: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
-    """Compute the largest gain minus description penalty, nats, of any group or sinusoid on each permuted residual.
+    """Compute the largest gain minus description penalty, nats, of any group or sinusoid on each random residual.
 
     Every group of effects is scored as an addition to the model `active`. block: index of the exchangeable block of
-    each pose. count: number of permuted residuals.
+    each pose. count: number of random residuals.
     """
-    pool, trials = active.pool, active.pool.rows.clean(permuted(active, block, rng, count))
+    pool, trials = active.pool, active.pool.rows.clean(with_random_signs(active, block, rng, count))
     every_rhs = pool.atoms.cross(trials)
     products, found = Scan(active), sinusoid_null(active, grids, trials)
     rights = active.inverse @ (active.scale[:, None] * every_rhs[active.index])
@@ -150,7 +153,7 @@ def gain_null(
 
 
 def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
-    """Raise the largest net gain `found` of each permuted residual, nats, to the largest net gain of any group.
+    """Raise the largest net gain `found` of each random residual, nats, to the largest net gain of any group.
 
     s: eigenvalues of each group's XᵀC⁻¹X = V diag(s) Vᵀ. q: VᵀXᵀC⁻¹r for each residual r. No gain exceeds the bound ½
     Σ q² / s. The exact gain is computed for the group of largest bound, then for groups whose bound exceeds this gain.
@@ -164,22 +167,20 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
     return found
 
 
-def permuted(active: Active, block: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Return the model's prediction plus residuals permuted over exchangeable blocks, whitened, by permutation.
+def with_random_signs(active: Active, block: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """Return the model's prediction plus residuals with random signs of the blocks, whitened, by trial.
 
-    Permuted residuals are rescaled to the noise σ, because the fit removed degrees of freedom and removes them again
-    from each permuted residual. The columns of a body that one block alone measures, such as a bar, are removed only
-    once: the residual of another block has no part along these columns. block: block index of each pose.
+    Unlike a permutation, random signs keep the size and the direction of the noise of each pose: the noise of a joint
+    is largest where the lever is longest, as is the effect of the joint. Residuals are rescaled to the noise σ, because
+    the fit removed degrees of freedom and removes them again, except the columns of a body that one block alone
+    measures, such as a bar. block: block index of each pose. Source: Liu (1988), wild bootstrap.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(block, return_inverse=True)[1].reshape(-1)
-    turned = permuted_blocks(rows.problem, left, codes, rng, count)
-    energy, size = max(active.energy, np.finfo(float).tiny), float(len(left))
-    own = _of_one_block(rows, codes)
-    if own.shape[1]:
-        taken = float(np.mean(np.sum((own.T @ turned) ** 2, axis=0)))
-        size = (size - own.shape[1]) / max(1.0 - taken / energy, 1.0 / size)
-    return (rows.target - left)[:, None] + turned * float(np.sqrt(active.sigma2 * size / energy))
+    signs = rng.choice([-1.0, 1.0], (int(codes.max()) + 1, count))[codes[rows.pose_of_row]]
+    size = len(left) - _of_one_block(rows, codes).shape[1]
+    scale = float(np.sqrt(active.sigma2 * size / max(active.energy, np.finfo(float).tiny)))
+    return (rows.target - left)[:, None] + scale * signs * left[:, None]
 
 
 def _of_one_block(rows: Rows, codes: IntArray) -> Array:

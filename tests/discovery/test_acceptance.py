@@ -11,7 +11,7 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.score import Score, scores
-from gpmodel.evolution.chance import PValue, permutation_p_value
+from gpmodel.evolution.chance import PValue, chance_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
@@ -30,7 +30,7 @@ def strongest(planted: str, null: np.ndarray = LOW, criteria: Criteria = RULE) -
     there = replace(seen(planted), criteria=criteria)
     ranked = sorted(zip(unnamed(), scores(there, unnamed()), strict=True), key=lambda one: -one[1].nats)
     candidate, score = ranked[0]
-    return acceptance.tested(there, candidate, score, permutation_p_value(score.nats, null), cross_validated(there, ()))
+    return acceptance.tested(there, candidate, score, chance_of(score.nats, null), cross_validated(there, ()))
 
 
 @pytest.mark.long
@@ -46,7 +46,7 @@ def test_nothing_is_accepted_where_permuted_residuals_do_as_well() -> None:
     best = max(s.nats for s in scores(seen(NAMES[1]), pool()))
     found = strongest(NAMES[1], null=best + np.random.default_rng(0).normal(0.0, 1.0, 99))
     assert not found.accepted
-    assert "probability on permuted residuals" in found.why
+    assert "probability on residuals with random signs residuals" in found.why
 
 
 @pytest.mark.long
@@ -59,7 +59,7 @@ def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
 @pytest.mark.parametrize(
     ("rule", "limit", "said"),
     [
-        ("significance", 0.0, "probability on permuted"),
+        ("significance", 0.0, "probability on residuals with random signs"),
         ("minimum_nats", 1e6, "net gain"),
         ("clear_cv_t", 1e6, "cross-validated gain"),
         ("minimum_share", 1.1, "unique share"),

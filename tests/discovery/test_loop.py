@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from effect_cases import measure, numbers
+from effect_cases import bare, measure, mechanism, numbers
 from loop_cases import (
     ARM,
     CASES,
@@ -45,6 +45,19 @@ def test_nothing_is_added_where_nothing_is_undeclared(seed: int) -> None:
     assert [s.name for s in answer.steps] == ["registration", "standard"]
     assert answer.stopped == "no further effect is significant"
     assert len(answer.rounds) == 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [5, 9, 26])
+def test_noise_of_the_joints_is_no_effect_of_the_joints(seed: int) -> None:
+    """Repeatability of 80 µrad in each joint, a tracker of 10 µm: the noise is largest where the lever is longest."""
+    arm, data = mechanism("ur10"), bare("ur10", 120, seed)
+    real = replace(data, q=data.q + np.random.default_rng(seed).normal(0.0, 80e-6, data.q.shape))
+    seen = measure("ur10", (), (), seed, dataset=real, noise=1e-5)
+    poses = prepare(arm, replace(seen.poses.dataset, q=data.q))
+    rows = np.arange(len(poses))
+    answer = discover(arm, poses, rows[rows % 4 > 0], rows[rows % 4 == 0], search=Search(runs=0, workers=1))
+    assert not answer.findings
 
 
 @pytest.mark.parametrize("case", [pytest.param("gear", marks=pytest.mark.long), "windup"])

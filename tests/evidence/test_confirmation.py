@@ -16,7 +16,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import confirmation, paired
 from gpmodel.evidence.residual import Residual, exchangeable_blocks, independent_blocks, residual_of
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import chance_of
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
@@ -111,7 +111,7 @@ def test_repeats_of_an_innocent_robot_are_no_evidence(labelled: bool, seed: int)
     residual = innocent(labelled, seed)
     pool = candidates(residual.calibration.model.mechanism, residual.poses.states)
     null = best_nats(residual, pool, residual.permuted(np.random.default_rng(0), 60))
-    assert permutation_p_value(max(s.nats for s in scores(residual, pool)), null).p > 0.01
+    assert chance_of(max(s.nats for s in scores(residual, pool)), null).p > 0.01
 
 
 def test_few_groups_are_no_units_and_their_repeats_still_are() -> None:

@@ -15,7 +15,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import residual_of
 from gpmodel.evidence.score import mdl_gain, scores
-from gpmodel.evolution.chance import permutation_p_value
+from gpmodel.evolution.chance import chance_of
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -42,14 +42,14 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
     null = best_nats(there, candidates, there.permuted(np.random.default_rng(0), 60))
-    assert permutation_p_value(max(s.nats for s in scores(there, candidates)), null).p < 0.01
+    assert chance_of(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 @pytest.mark.long
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
     null = best_nats(there, pool(), there.permuted(np.random.default_rng(0), 60))
-    assert permutation_p_value(max(s.nats for s in scores(there, pool())), null).p > 0.05
+    assert chance_of(max(s.nats for s in scores(there, pool())), null).p > 0.05
 
 
 def test_the_best_of_all_is_that_of_each_residual_by_itself() -> None:
