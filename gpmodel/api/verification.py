@@ -15,11 +15,13 @@ from gpmodel.application.recheck import Session, errors_at
 from gpmodel.application.verify import Verified, afterwards, misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
+from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, remove_files, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
 from gpmodel.report.verification import NAME, Others, Verification, VerifyRequest, by_row, to_json, verification
+from gpmodel.table.convention import read_convention
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
@@ -116,6 +118,14 @@ def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Descri
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
     check_named(dataset, told)
+    known = saved.convention
+    if known is not None and dataset.convention:
+        other = read_convention(dataset.convention, saved.mechanism, f"{dataset.source}, convention")
+        if (other.turned != known.turned).any() or not np.allclose(other.zero, known.zero):
+            raise InputError(
+                f"{dataset.source} was imported with {other.text}, the table of the model with {known.text}; expected "
+                "equal signs and zeros"
+            )
     return dataset, targets
 
 

@@ -243,6 +243,8 @@ def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
 def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
     """Return the rows of the check, followed by the poses of the fit without their outdated measurements."""
     data = with_memory_columns(saved, data)
+    if before.measured is not None and not data.convention:
+        data = replace(data, convention=before.measured.dataset.convention)
     if before.measured is None or data.observations or data.distances:
         return data
     old = with_memory_columns(before, before.measured.dataset)

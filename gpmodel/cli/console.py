@@ -13,7 +13,7 @@ from typing import Protocol
 import pandas as pd
 
 from gpmodel import wording
-from gpmodel.api.model import MODEL
+from gpmodel.api.model import MODEL, Model
 from gpmodel.api.table import with_numbers
 from gpmodel.characters import printable, shell_quoted
 from gpmodel.cli import terminal
@@ -22,6 +22,7 @@ from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
 from gpmodel.table.cells import read_frame, table_text
+from gpmodel.table.robot_programs import is_program
 from gpmodel.table.units import split_header
 
 PATIENCE = 10.0
@@ -127,6 +128,14 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
     return (
         f"predicted for the end of the fitted session: {said}; with --session, row k is treated as row k of the session"
     )
+
+
+def convention_note(fitted: Model, table: Path) -> str:
+    """State the convention in which joint columns of a table were read; "" if it cannot be mistaken for another."""
+    known = fitted.saved.convention
+    if known is None or known.unchanged or is_program(table):
+        return ""
+    return f"joint columns of {table.name} are read in the signs and zeros of the description: {known.text}"
 
 
 def what_next(folder: Path, record: Report) -> str:

@@ -13,7 +13,15 @@ from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language, convention_notes
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
-from gpmodel.cli.console import command_line, deliver, place_for, progress_line, session_note, write_frame
+from gpmodel.cli.console import (
+    command_line,
+    convention_note,
+    deliver,
+    place_for,
+    progress_line,
+    session_note,
+    write_frame,
+)
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import write_bytes, write_text
@@ -35,7 +43,9 @@ def predict(
     """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values: the tool at the end of the
     fitted session, without the errors of the instrument.
 
-    MODEL is a model.json of calibrate or discover. The output keeps the columns of POSES. If POSES has x, y, z, the
+    MODEL is a model.json of calibrate or discover. Joint columns have the signs and zeros of the description; columns
+    controller_A1, ... and robot programs have those of the imported axes.
+    The output keeps the columns of POSES. If POSES has x, y, z, the
     prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma
     is the standard deviation of the predicted point; `outside` names the inputs beyond the ranges of the fit.
     """
@@ -48,11 +58,13 @@ def predict(
         return
     if names := fitted.of_its_session(session=session):
         echo(session_note(names, session), err=True)
+    if said := convention_note(fitted, poses):
+        echo(said, err=True)
     if path is not None:
-        said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
+        against = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
         beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
         warned = f"; {beyond} of them outside the measured range" if beyond else ""
-        echo(f"{len(predicted)} poses predicted in {path}{warned}{said}")
+        echo(f"{len(predicted)} poses predicted in {path}{warned}{against}")
 
 
 WHICH = {"tool": "point", "frame": "origin"}
@@ -120,6 +132,8 @@ def compensate(
         echo(session_note(names, session), err=True)
     if lost := not_reached(fitted.mechanism, corrected):
         echo(lost, err=True)
+    if not quiet and (said := convention_note(fitted, targets)):
+        echo(said, err=True)
     if not quiet and (whole or language):
         unchanged = read_program(targets).cartesian if whole else 0
         notes = [f"{unchanged} Cartesian positions of {targets.name} are NOT corrected"] * bool(unchanged)

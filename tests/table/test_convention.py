@@ -233,6 +233,12 @@ def test_the_caution_stays_where_the_convention_is_not_known(folder: Path, tmp_p
     mixed = pd.read_csv(folder / "table.csv")
     mixed.loc[0, "convention"] = SAID.replace("-A1", "A1")
     assert gp.read_table(mixed, "irb6400r").convention == ""
+    (tmp_path / "other.csv").write_text(mixed.assign(convention=SAID.replace("-A1", "A1")).to_csv(index=False))
+    said = one_line(run("verify", folder / "model.json", tmp_path / "other.csv"), 2)
+    assert "other.csv was imported with J1 = A1; " in said
+    assert "expected equal signs and zeros" in said
+    done = run("predict", folder / "model.json", folder / "table.csv", "--out", tmp_path / "predicted.csv")
+    assert f"joint columns of table.csv are read in the signs and zeros of the description: {SAID}" in done.stderr
     mixed["convention"] = "J1 = sin(A1)"
     with pytest.raises(InputError, match="no formula of joint 'J2'; expected one formula a joint"):
         gp.read_table(mixed, "irb6400r")
