@@ -183,7 +183,8 @@ def export(
     ur_kinematics.yaml (ur_description) and robodk.csv contain a geometry refitted without the effects that the file
     format cannot express. model.py and model.c contain the whole model, model.tex the terms of the model, and grid.csv
     joint corrections at the nodes of a box. Errors of exported files are stated relative to `gpmodel predict` at
-    unmeasured poses. Gazebo and MuJoCo read calibrated.urdf.
+    unmeasured poses. Gazebo and MuJoCo read calibrated.urdf. All files have the signs and zeros of the description;
+    grid.csv also has corrected joint values of the imported axes (to_controller_A1, ...), if these have others.
     """
     file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)

@@ -115,6 +115,8 @@ def poses(
     effect, poses that lower the standard error of the worst known effect; i-optimal; spread. --task TARGETS selects
     poses that lower the standard error of the tool point at TARGETS, and that distinguish findings from alternatives.
     Poses in which the arm collides with itself are excluded, if the URDF has geometry.
+    Joint columns have the signs and zeros of the description; columns controller_A1, ... have those of the imported
+    axes, if the result has others.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is already given by the model in {after}; omit --mechanism", "mechanism")

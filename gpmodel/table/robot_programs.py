@@ -49,6 +49,13 @@ _CARTESIAN = {
     "Fanuc": re.compile(r"\bX\s*=\s*[-+\d]"),
 }
 """Pattern of a Cartesian position by language. Such positions are not corrected."""
+_RELATIVE = {
+    "KRL": re.compile(r"\bS?PTP_REL\b", re.I),
+    "RAPID": re.compile(r"(?!)"),
+    "URScript": re.compile(r"\bspeedj\b"),
+    "Fanuc": re.compile(r"\bINC\b"),
+}
+"""Pattern of motions whose joint values are no targets."""
 _COMMENT = {"KRL": ";", "RAPID": "!", "URScript": "#", "Fanuc": ""}
 _START = {
     "KRL": re.compile(r"^\s*(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s[^\n]*\n", re.M | re.I),
@@ -103,6 +110,9 @@ def read_program(path: Path) -> RobotProgram:
     language = _SUFFIXES[path.suffix.lower()]
     code = _without_comments(text, language)
     reader = {"KRL": _krl, "RAPID": _rapid, "URScript": _urscript, "Fanuc": _fanuc}[language]
+    if relative := _RELATIVE[language].search(code):
+        line = code.count("\n", 0, relative.start()) + 1
+        raise InputError(f"{path.name}, line {line}: {relative[0]!r} is a relative motion; expected joint targets")
     points = dict(sorted(reader(code, path.name)))
     if not points:
         raise InputError(f"{path.name}: no joint target of {language}; expected {_EXAMPLES[language]}")
@@ -165,11 +175,12 @@ def _urscript(code: str, name: str) -> Iterator[tuple[int, dict[str, Numeral]]]:
 
 
 def _fanuc(code: str, name: str) -> Iterator[tuple[int, dict[str, Numeral]]]:
+    """Yield the positions of motion group 1 in joint representation; other groups keep their values."""
     for position in _POSITION.finditer(code):
         first = position.start()
         fields = {
             m["axis"].replace("J", "A"): Numeral(first + m.start("number"), first + m.end("number"), m["unit"])
-            for m in _FANUC.finditer(position[0])
+            for m in _FANUC.finditer(position[0].partition("GP2")[0])
         }
         if "A1" in fields:
             yield position.start(), fields

@@ -55,6 +55,7 @@ P[1:"a"]{
 \tJ1=    12.500 deg,\tJ2=   -65.000 deg,\tJ3=   100.250 deg,
 \tJ4=   -30.000 deg,\tJ5=    40.000 deg,\tJ6=   -50.125 deg,
 \tE1=   500.000  mm
+   GP2:\n\tUF : 0, UT : 1,\n\tJ1= 7 deg
 };
 P[2]{
    GP1:\n\tUF : 0, UT : 1,
@@ -247,6 +248,7 @@ def test_the_caution_stays_where_the_convention_is_not_known(folder: Path, tmp_p
 BAD = [
     ("cell.src", "A2 -65.00,", "", "line 4: .* is no number for every axis; expected A1 to A6"),
     ("cell.script", "movej(q1", "movej(q2", "line 3: 'movej.q2' is no list of six numbers; expected one, in rad"),
+    ("cell.src", "PTP {E6AXIS:", "PTP_REL {E6AXIS:", "line 5: 'PTP_REL' is a relative motion; expected joint targets"),
     ("cell.ls", "J1=", "W=", "no joint target of Fanuc; expected P"),
 ]  # fmt: skip
 

@@ -71,7 +71,12 @@ def rewritten_text(
         )
     made = f"{len(q)} joint targets corrected by gpmodel for {mechanism.name}."
     unchanged = [f"{program.cartesian} Cartesian positions are NOT corrected."] * bool(program.cartesian)
-    return rewritten(program, mechanism, q, convention, [made, *unchanged, *convention_notes(convention)])
+    lines = dict[str, list[int]]()
+    for line, status in zip(program.lines, corrected["status"], strict=True):
+        lines.setdefault(str(status), []).append(line)
+    said = [f"{status}: lines {', '.join(map(str, at))}" for status, at in lines.items() if status != "ok"]
+    notes = [made, *unchanged, *(part for text in said for part in wrap(text, WIDTH)), *convention_notes(convention)]
+    return rewritten(program, mechanism, q, convention, notes)
 
 
 def program_text(
