@@ -1,6 +1,6 @@
 """Search a measured table for effects missing in the standard model, and confirm them on held-out poses."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -52,6 +52,7 @@ from gpmodel.hierarchy.record import FleetPart, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
+from gpmodel.model.observation import Weights
 from gpmodel.model.sites import in_mechanism_names, names_of, standard_effects, translate
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
@@ -169,7 +170,7 @@ def discover(
     table = specified(read_table(table, arm), instrument)
     arm, poses, known, note = _placed(arm, table, geometry, _type_of(like, joints))
     offers = _checked_offers(offers, arm, poses.states)
-    floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
+    stated = _stated(noise, poses.dataset)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=check_limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
@@ -182,8 +183,19 @@ def discover(
             found = discover_by_folds(whole_run, [started(way) for way in ways], poses, parts, criteria, search.here)
         else:
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(FOLD_SEED)))
-    alone = alone_steps(found) if known else None
-    return DiscoveryResult(over_causes(found), Origin(command, seed, found.seconds, floor), note, alone)
+    made = Origin(command, seed, found.seconds, stated(found.final.weights))
+    return DiscoveryResult(over_causes(found), made, note, alone_steps(found) if known else None)
+
+
+def _stated(noise: str | float | None, dataset: Dataset) -> Callable[[Weights], float | None]:
+    """Return the stated noise, m, as a function of the weights of a fit; None without a stated noise.
+
+    Raises InputError for a noise in a unit that no measurement of the table has.
+    """
+    if noise is None:
+        return lambda _: None
+    in_metres(noise, dataset, "noise", NOISIEST)
+    return partial(in_metres, noise, dataset, "noise", NOISIEST)
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:

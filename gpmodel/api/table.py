@@ -167,13 +167,14 @@ def dataset_of(
 def in_metres(
     value: str | float, dataset: Dataset, name: str, most: Mapping[str, float] = LARGEST, weights: Weights | None = None
 ) -> float:
-    """Convert the size of one measurement, text with a unit, to metres; pixels and angles by the weights of a fit.
+    """Convert the size of one measurement, text with a unit, to metres by the weights of a fit.
 
+    The unit names the first kind of measurement in the table that is measured in such a unit.
     Raises InputError naming the argument for a unit that no measurement of the table has, or a value above `most`.
     """
     _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
-        if not isinstance(kind, Orientation) and factor_like(unit, kind.unit) is not None:
+        if kind.readings.any() and not isinstance(kind, Orientation) and factor_like(unit, kind.unit) is not None:
             size = to_si(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
             return weight_of(kind, weights or {}) * size
     return to_si(value, "length", name, positive=True, most=most)

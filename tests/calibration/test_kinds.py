@@ -177,3 +177,16 @@ def test_all_steps_of_a_ladder_weigh_the_kinds_alike(
     weighed, own = (errors_on(first.calibration, train, fit.calibration.weights) for fit in (last, first))
     assert np.abs(np.log(weighed / own)).max() > 0.2
     assert first.train_error == pytest.approx(weighed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stated", ["0.3 mm", "0.05 px"])
+def test_a_stated_noise_counts_by_the_weight_of_the_kind_that_it_names(stated: str) -> None:
+    """By the fit, 0.05 px count as 0.3 mm."""
+    noise = {"tracker": "0.3 mm", "camera": "0.05 px"}
+    parts = {name: gp.simulate("ur5", poses=25, instrument=name, noise=size, seed=3) for name, size in noise.items()}
+    described = {key: value for made in parts.values() for key, value in made.table.described.items()}
+    frame = pd.concat([made.to_dataframe() for made in parts.values()], ignore_index=True)
+    table = gp.read_table(frame, "ur5", **described)
+    found = gp.discover("ur5", table, noise=stated, search=gp.Search(runs=0, workers=1), candidates=(), holdout=0.3)
+    assert found.origin.noise == pytest.approx(3e-4, rel=0.15)
