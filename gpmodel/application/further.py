@@ -29,6 +29,7 @@ from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.comparison import HeldOutFit
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.undeclared import has_functions
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import drawn_between
@@ -111,19 +112,23 @@ def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
 
 
 def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
-    """Compute the leave-one-out residuals, m, of the rows `use`: r / (1 - h) with leverage h.
+    """Compute the leave-one-out residuals (rows, 3), m, of the rows `use`: r / (1 - h) with leverage h.
 
-    Also return the variance of the prediction of each row in units of the noise variance: h / (1 - h).
+    Also return the variance of the prediction of each row in units of the noise variance: h / (1 - h). The leverage of
+    a row is the mean of its measured coordinates; the residual of an unmeasured coordinate is NaN.
     """
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
     rows[at] = np.cumsum(problem.weights.ravel() > 0).reshape(problem.weights.shape)[:, :3][at] - 1
     own = rows[use]
-    columns = problem.columns[own.ravel()]
-    known = np.sum((columns @ fit.covariance.values) * columns, axis=1).reshape(own.shape).mean(axis=1) / fit.sigma**2
+    there = own >= 0
+    columns = problem.columns[own[there]]
+    shares = np.zeros(own.shape)
+    shares[there] = np.sum((columns @ fit.covariance.values) * columns, axis=1) / fit.sigma**2
+    known = shares.sum(axis=1) / there.sum(axis=1)
     fitted = np.isin(use, fit.outliers, invert=True)
     left = np.where(fitted, 1.0 - np.minimum(known, LARGEST_LEVERAGE), 1.0)
-    return problem.residual[own] / left[:, None], known / left
+    return np.where(there, problem.residual[own], np.nan) / left[:, None], known / left
 
 
 def _over_worlds(
@@ -190,43 +195,45 @@ def with_discrepancy(
 
     parts: fits with held-out poses; without such fits, each pose is left out in turn. noise: stated standard deviation
     of a coordinate, m; None for that of the instrument's specification or, without a specification, `noise_within`.
-    Only poses with measured x, y and z count.
+    Only measured coordinates count. A model with functions of undeclared effects contains its discrepancy.
     """
-    if poses.dataset.joints_approximate or not len(_whole(poses)):
+    if poses.dataset.joints_approximate or has_functions(fit.model) or not len(_measured(poses)):
         return saved
     stated = poses.dataset.instrument
     if noise is None:
         noise = noise_within(fit, poses) if stated is None else stated.noise(poses.dataset.position)
     found = [_by_parameters(part) for part in parts]
-    if 3 * sum(len(squares) for squares, _ in found) < FEWEST:
+    if sum(np.isfinite(squares).sum() for squares, _ in found) < FEWEST:
         found = [_one_left_out(fit, poses)]
     squares, known = (np.concatenate(values) for values in zip(*found, strict=True))
-    error = np.sqrt(squares.sum(axis=1))
-    if 3 * len(error) < FEWEST:
+    error, read = np.sqrt(np.nansum(squares, axis=1)), np.isfinite(squares)
+    if read.sum() < FEWEST:
         return replace(saved, noise=noise)
-    near = error <= outlier_limit(error)
+    near = read & (error <= outlier_limit(error))[:, None]
     variance = float(np.mean(squares[near]) - noise**2 - np.mean(known[near])) - _by_other_causes(saved, poses)
     return replace(saved, noise=noise, discrepancy=float(np.sqrt(max(0.0, variance))))
 
 
 def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
-    """Return the mean variance of a fitted coordinate due to alternative causes of the findings, m²."""
+    """Return the mean variance of a measured coordinate due to alternative causes of the findings, m²."""
     if not len(saved.covariance.over_causes):
         return 0.0
     alone = replace(saved, covariance=replace(saved.covariance, alternatives=(), over_causes=np.zeros((0, 0))))
     at, observed = observed_by(saved, poses)
-    both, one = (np.mean(coordinate_deviations(model, at, observed) ** 2) for model in (saved, alone))
+    read = np.isfinite(poses.dataset.position)
+    both, one = (np.mean(coordinate_deviations(model, at, observed)[read] ** 2) for model in (saved, alone))
     return float(both - one)
 
 
-def _whole(poses: Poses) -> IntArray:
-    return np.flatnonzero(np.isfinite(poses.dataset.position).all(axis=1))
+def _measured(poses: Poses) -> IntArray:
+    """Return the rows with a measured coordinate."""
+    return np.flatnonzero(np.isfinite(poses.dataset.position).any(axis=1))
 
 
 def _by_parameters(part: HeldOutFit) -> tuple[Array, Array]:
     """Return the squared errors of held-out coordinates, and the variance due to the parameters, both m²."""
     asked = part.known
-    asked = asked.subset(_whole(asked))
+    asked = asked.subset(_measured(asked))
     if not len(asked):
         return np.zeros((0, 3)), np.zeros((0, 3))
     saved = usable(saved_model(part.fit, part.train), session=True)
@@ -237,7 +244,7 @@ def _by_parameters(part: HeldOutFit) -> tuple[Array, Array]:
 
 def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
     """Return squared leave-one-out errors and prediction variances of every fitted pose, m²."""
-    rows = np.setdiff1d(_whole(poses), fit.outliers)
+    rows = np.setdiff1d(_measured(poses), fit.outliers)
     if fit.freedom < FEWEST:
         return np.zeros((0, 3)), np.zeros((0, 3))
     left, blur = leave_one_out(fit, problem_at(fit, poses), rows)
@@ -294,20 +301,21 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, flo
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
-    """Return the row numbers of fitted poses with x, y and z, one per repeated pose, at most 200 (MOST_POSES)."""
-    use = np.setdiff1d(_whole(poses), fit.outliers)
+    """Return the row numbers of fitted positions, one per repeated pose, at most 200 (MOST_POSES)."""
+    use = np.setdiff1d(_measured(poses), fit.outliers)
     first = np.sort(np.unique(sharing(poses.dataset)[use], return_index=True)[1])
     chosen: IntArray = use[first[np.linspace(0, len(first) - 1, min(len(first), MOST_POSES)).astype(int)]]
     return chosen
 
 
 def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Array]:
-    """Yield covariances of model discrepancy of all coordinates, of mean variance one: by joint values, then others.
+    """Yield covariances of model discrepancy of measured coordinates, of mean variance 1: by joint values, then others.
 
     A covariance is Σ c cᵀ over axes (c: displacement by an error twist), each block times the correlation of two poses.
     Further covariances add payload, row and other columns, one at a time."""
     effects = geometric_effects(fit.model.mechanism)
-    columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
+    read = problem.weights[:, :3] > 0
+    columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3][read]
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
     data = poses.dataset
@@ -315,7 +323,7 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
     smooth = [joint_correlation(data.q), *(joint_correlation(v[:, None], order=1) for v in further)]
     products = columns @ columns.T
     for correlation in (smooth[0], np.sum(smooth, axis=0)):
-        kernel = products * np.kron(correlation, np.ones((3, 3)))
+        kernel = products * correlation[np.ix_(*2 * [np.nonzero(read)[0]])]
         yield np.asarray(kernel * len(kernel) / np.trace(kernel))
 
 
