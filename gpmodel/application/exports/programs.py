@@ -169,8 +169,9 @@ def _said(there: Mask, status: list[str]) -> Iterator[str]:
 def _rapid(name: str, notes: list[str], rows: IntArray, axes: Mapping[str, Array], frames: Array) -> Iterator[str]:
     yield f"MODULE {name}"
     yield from (f"  ! {note}" for note in notes)
-    yield "  ! p: frames of tool0 in wobj0 by the nominal kinematics. The fourth number of their configurations is not"
-    yield "  ! known: before MoveL or MoveJ to them, ConfL \\Off and ConfJ \\Off. MoveAbsJ to j needs none."
+    yield "  ! p: frames of tool0 in wobj0 by the nominal kinematics of the description, whose root and flange have"
+    yield "  ! to be those of the controller. The fourth number of their configurations is not known: before MoveL or"
+    yield "  ! MoveJ to them, ConfL \\Off and ConfJ \\Off. MoveAbsJ to j needs none."
     turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
     for k, (row, point, turn) in enumerate(zip(rows, 1e3 * frames[:, :3, 3], turns, strict=True)):
         joints = np.array([axes[f"A{i}"][k] for i in range(1, AXES + 1)])
@@ -186,7 +187,8 @@ def _rapid(name: str, notes: list[str], rows: IntArray, axes: Mapping[str, Array
 def _krl(name: str, notes: list[str], rows: IntArray, axes: Mapping[str, Array], frames: Array) -> Iterator[str]:
     yield f"DEFDAT {name} PUBLIC"
     yield from (f"  ; {note}" for note in notes)
-    yield "  ; p: frames of the flange, $TOOL=$NULLFRAME, in $BASE=$NULLFRAME by the nominal kinematics"
+    yield "  ; p: frames of the flange, $TOOL=$NULLFRAME, in $BASE=$NULLFRAME by the nominal kinematics of the"
+    yield "  ; description, whose root and flange have to be those of the controller"
     turns = np.degrees([se3.roll_pitch_yaw(frame[:3, :3]) for frame in frames])[:, ::-1]
     joints = np.column_stack(list(axes.values()))
     for row, values, point, turn in zip(rows, joints, 1e3 * frames[:, :3, 3], turns, strict=True):
