@@ -127,7 +127,7 @@ def _judgeable(
     either = {change.name for change in with_shares(own, offered)} if offered else set[str]()
     raw = [_in_rows(change, own, second) for change in offered]
     raw += [_in_rows(change, own, ~second) for change in offered if change.name in either]
-    return own, with_shares(own, raw, _price(second)) if raw else ()
+    return own, tuple(replace(c, division=_price(second)) for c in with_shares(own, raw)) if raw else ()
 
 
 def _registration(found: Recheck) -> PossibleChange:

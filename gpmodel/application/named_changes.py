@@ -98,7 +98,7 @@ def _selected(
     while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
         here = [h.beside(left) for h in tried]
         scores = [h.explained(left.z) for h in here]
-        chances = [chance_by_noise(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
+        chances = [h.corrected(chance_by_noise(found, *score)) for h, score in zip(here, scores, strict=True)]
         shares, credible = _posterior(here, left)
         able = [k for k in np.argsort(-shares).tolist() if chances[k] < significance]
         best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
@@ -118,7 +118,7 @@ def _selected(
             tried = [change for change in tried if not change.of_a_frame]
     left = _without_chance_changes(found, out, taken, left, significance)
     nats = log_likelihood(found, found.chi_square - left.chi_square)
-    nats += sum(float(np.log(c.share)) - 0.5 * c.columns.shape[1] * float(np.log(found.degrees)) for c in taken)
+    nats += sum(c.log_share - 0.5 * c.columns.shape[1] * float(np.log(found.degrees)) for c in taken)
     return nats, tuple(_resized(found, out, taken)), left
 
 
@@ -136,7 +136,8 @@ def _without_chance_changes(
         others = [
             found.without(np.hstack([found.basis[:, :0], *spans[:k], *spans[k + 1 :]])) for k in range(len(spans))
         ]
-        chances = [c.beside(rest).chance_beside(left, rest.z) / c.share for c, rest in zip(chosen, others, strict=True)]
+        each = zip(chosen, others, strict=True)
+        chances = [c.corrected(c.beside(rest).chance_beside(left, rest.z)) for c, rest in each]
         worst = int(np.argmax(chances))
         if chances[worst] < significance:
             break

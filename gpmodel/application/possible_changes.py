@@ -57,8 +57,9 @@ class PossibleChange:
     columns: whitened derivatives of the measurements with respect to the change, in `unit`; for kind `size`, to a
     relative change. kind: `set-up` means that the instrument or a stationary object moved during the session, not the
     machine.
-    share: share of the significance level, and prior probability. price: penalty of the description, nats; zero for a
-    set-up, because its axes and rows are equally likely.
+    share: share of the significance level, and prior probability, without that of the division of the rows. price:
+    penalty of the description, nats; zero for a set-up, because its axes and rows are equally likely.
+    division: penalty of the division of the rows, nats.
     effects: effects that the change adds to the model. at: columns of the linear problem that the change moves, if the
     change adds no effect.
     rows: rows of the table that have the changed value, if the other rows do not; empty for a change of all rows.
@@ -73,6 +74,16 @@ class PossibleChange:
     at: tuple[int, ...] = ()
     price: float = 0.0
     rows: tuple[int, ...] = ()
+    division: float = 0.0
+
+    @property
+    def log_share(self) -> float:
+        """Log prior probability of the change, nats. The probability of a division of 2000 rows is 0 as a number."""
+        return float(np.log(self.share)) - self.division
+
+    def corrected(self, chance: float) -> float:
+        """Return the probability of a change, `chance`, over its share of the significance level; at most e^100."""
+        return float(np.exp(min(np.log(chance) - self.log_share, 100.0))) if chance > 0.0 else 0.0
 
     @property
     def of_a_frame(self) -> bool:
@@ -100,7 +111,7 @@ class PossibleChange:
         The likelihood is Student's t, since σ is an estimate; p parameters at n rows cost p/2 ln n (Schwarz 1978).
         """
         explained, numbers = self.explained(left.z)
-        return log_likelihood(left, explained) + float(np.log(self.share) - 0.5 * numbers * np.log(left.degrees))
+        return log_likelihood(left, explained) + self.log_share - 0.5 * numbers * float(np.log(left.degrees))
 
     def chance_beside(self, left: Recheck, z: Array) -> float:
         """Return the probability that noise like the residual `left` makes the change as large as fitted to z.
@@ -133,7 +144,7 @@ class PossibleChange:
             return False
         its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
         others = left.without(rank.remove(left.basis, its_rows.astype(float)))
-        return chance_by_noise(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
+        return self.corrected(chance_by_noise(others, *self.beside(others).explained(others.z))) > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
         """Return size and standard error of the change; size: length of the vector of its parameters in `unit`."""
@@ -167,14 +178,14 @@ def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
     return with_shares(found, raw)
 
 
-def with_shares(found: Recheck, raw: Sequence[PossibleChange], price: float = 0.0) -> tuple[PossibleChange, ...]:
+def with_shares(found: Recheck, raw: Sequence[PossibleChange]) -> tuple[PossibleChange, ...]:
     """Whiten the columns of possible changes, and give each its share; changes that the poses cannot reveal are
-    omitted. price: further penalty of every change, nats."""
+    omitted."""
     all_of = list(_seen(found, raw))
     sums = Counter[Kind]()
     for m in all_of:
         sums[m.kind] += np.exp(-m.price)
-    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price - price) / sums[m.kind])) for m in all_of)
+    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price) / sums[m.kind])) for m in all_of)
 
 
 def constants(found: Recheck) -> Iterator[PossibleChange]:

@@ -9,6 +9,7 @@ from instances import some
 from verify_cases import NOISE, Fitted, placed_anew, read_later
 
 import gpmodel as gp
+from gpmodel.application.possible_changes import PossibleChange
 from gpmodel.arrays import Array, Mask
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
@@ -160,3 +161,17 @@ def test_errors_of_one_tool_are_not_divided(fitted: Fitted, seed: int) -> None:
     for error in (drift, tails, gross, rng.normal(0.0, 1.7 * NOISE, shape)):
         found = fitted[0].verify(replace(data, position=data.position + error)).record
         assert not any(change.rows and change.kind != "set-up" for change in found.changes)
+
+
+@pytest.mark.long
+def test_rows_of_a_long_table_are_divided(fitted: Fitted) -> None:
+    """A division of 1100 rows has the probability 0 as a number."""
+    (change,) = fitted[0].verify(later(fitted, mixed(1100, 0.5), "zero", 4e-4)).record.changes
+    assert change.name.startswith("zero of J3 in 5")
+
+
+def test_a_division_of_many_rows_has_a_finite_price() -> None:
+    change = PossibleChange("zero of J3", "zero", "rad", np.ones((6, 1)), share=0.1, division=2000 * np.log(2.0))
+    assert change.log_share == pytest.approx(np.log(0.1) - 2000 * np.log(2.0))
+    assert change.corrected(0.0) == 0.0
+    assert change.corrected(1e-300) > 1.0
