@@ -54,12 +54,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
     def verdicts(calibration: Calibration, asked: Mapping[str, Candidate]) -> dict[str, Hypothesis]:
         left = residual(calibration)
-
-        def look(name: str) -> Hypothesis:
-            without = left.without(asked[name].effects)
-            return _judged(without, asked[name], kept[name], (by_chance[name], evolved_null))
-
-        return of_each(asked, look)
+        return of_each(asked, lambda name: _judged(left, asked[name], kept[name], (by_chance[name], evolved_null)))
 
     def with_causes(name: str) -> Hypothesis:
         found = judged[name]
@@ -84,8 +79,9 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
     return Judged(tuple(judged.values()), calibration)
 
 
-def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group of effects. residual: residual without the group. nulls: gains by chance, nats."""
+def _judged(left: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
+    """Test a selected group of effects. left: residual of the model with all groups. nulls: gains by chance, nats."""
+    residual = left.without(candidate.effects)
     before = cross_validated(residual.with_refitted_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)

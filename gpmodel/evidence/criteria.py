@@ -88,6 +88,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} standard errors, limit {t.limit}",
     "stretches": lambda t: f"gain with folds of rows {t.value:.1f} standard errors, limit {t.limit}",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",
+    "noise": lambda t: f"net gain with unequal noise of the poses {t.value:.1f} nats, limit {t.limit}",
     "repeats": lambda t: f"net gain with repeats counted once {t.value:.1f} nats, limit {t.limit}",
     "rows": lambda t: f"net gain without drift along the rows {t.value:.1f} nats, limit {t.limit}",
     "space": lambda t: f"net gain without variation over space {t.value:.1f} nats, limit {t.limit}",

@@ -1,4 +1,4 @@
-"""Estimate how dependence between poses (repeats, stretches of rows, regions) inflates a coefficient's variance."""
+"""Estimate how unequal noise and dependent poses (repeats, rows, regions) inflate a coefficient's variance."""
 
 from collections.abc import Iterator
 
@@ -22,6 +22,10 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     exceeds 1 by two standard deviations √(2/blocks), as one candidate in thirty does without dependence. The inflation
     of a candidate that does not depend on time is therefore shrunk to the mean of the model's columns (`_among`). A
     permutation of blocks corrects less: a drift within a block remains in any order of the blocks.
+
+    For a formula without a name, "noise" is the ratio of the variance with the noise of each pose to that with equal
+    noise, with s / (1 - leverage) as score (HC3 of MacKinnon and White 1985): the search for a formula prefers poses of
+    large noise, and random signs do not repeat this search.
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -29,7 +33,11 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
     slow = depends_on_time(candidate, residual.poses.states)
-    out, placed = {}, residual.block_registration * explained[rows, None]
+    out, placed = dict[str, float](), residual.block_registration * explained[rows, None]
+    if not candidate.family:
+        energy = np.bincount(residual.problem.pose_of_row, explained[rows] ** 2, len(score))
+        apart = score / np.maximum(1.0 - energy / energy.sum(), 1e-9)
+        out["noise"] = max(float(apart @ apart / (energy.sum() * np.mean(left[rows] ** 2))), 1.0)
     for name, block in _partitions(residual):
         ratio, count = float(_ratios(score[:, None], block)[0]), int(block.max()) + 1
         if placed.shape[1]:

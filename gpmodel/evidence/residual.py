@@ -47,24 +47,6 @@ def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     return stretches(dataset.row.astype(float), criteria.fewest_blocks)
 
 
-def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Permute whole blocks of poses `count` times; return one column of values of measured rows per permutation.
-
-    unit: block index of each pose. Poses keep their order within a block. A measured component gets the value zero if
-    the pose permuted into its place did not measure this component.
-    """
-    present = problem.weights > 0
-    blocks = np.zeros(present.shape)
-    blocks[present] = values
-    places = np.argsort(unit, kind="stable")
-    out = np.empty((len(values), count))
-    for b in range(count):
-        turned = np.empty_like(blocks)
-        turned[places] = blocks[np.argsort(np.argsort(rng.permutation(unit.max() + 1))[unit], kind="stable")]
-        out[:, b] = turned[present]
-    return out
-
-
 STEPS, SETTLED = 30, 1.01
 """Largest number of iterations for the noise σ, and ratio of successive σ at which they end."""
 
@@ -180,9 +162,18 @@ class Residual:
         )  # fmt: skip
 
     def permuted(self, rng: np.random.Generator, count: int) -> Array:
-        """Return the residual permuted over blocks of poses and projected again: one column a permutation."""
-        out = np.repeat(self.values[:, None], count, axis=1)
-        out[: self.measured] = permuted_blocks(self.problem, out[: self.measured, 0], self.block_of_pose, rng, count)
+        """Return the residual with the blocks of poses permuted and projected again: one column a permutation.
+
+        A component gets the value zero if the pose permuted into its place did not measure the component.
+        """
+        present, unit = self.problem.weights > 0, self.block_of_pose
+        blocks, out = np.zeros(present.shape), np.repeat(self.values[:, None], count, axis=1)
+        blocks[present] = self.values[: self.measured]
+        places = np.argsort(unit, kind="stable")
+        for b in range(count):
+            turned = np.empty_like(blocks)
+            turned[places] = blocks[np.argsort(np.argsort(rng.permutation(unit.max() + 1))[unit], kind="stable")]
+            out[: self.measured, b] = turned[present]
         return self.span.remove(out)
 
     @cached_property
