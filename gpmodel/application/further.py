@@ -125,7 +125,7 @@ def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple
     columns = problem.columns[own[there]]
     shares = np.zeros(own.shape)
     shares[there] = np.sum((columns @ fit.covariance.values) * columns, axis=1) / fit.sigma**2
-    known = shares.sum(axis=1) / there.sum(axis=1)
+    known = shares.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
     fitted = np.isin(use, fit.outliers, invert=True)
     left = np.where(fitted, 1.0 - np.minimum(known, LARGEST_LEVERAGE), 1.0)
     return np.where(there, problem.residual[own], np.nan) / left[:, None], known / left

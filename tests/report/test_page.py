@@ -152,7 +152,7 @@ def test_an_effect_is_shown_with_all_that_is_known_of_it() -> None:
         f"{effect.slot} {effect.axis}", place(effect.slot, effect.axis),
         f"unique share {wording.percent(effect.unique_share)}",
         f"range of J4 in training {trained.low:.4g}".replace("-", "−"), wording.length(effect.tool_rms_mm),
-        wording.chance(effect.p_value, effect.shuffles), beforehand(report, effect),
+        wording.chance(effect.p_value, effect.shuffles, effect.shuffled), beforehand(report, effect),
     ):  # fmt: skip
         assert said in text
 
