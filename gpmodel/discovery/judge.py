@@ -20,6 +20,9 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Kept
 from gpmodel.selection.sparse_bayes import reestimate
 
+SURE = 4.0
+"""Net gain over the largest gain by chance beyond which a group is sure to pass; unequal noise of poses gives 2.6."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -39,8 +42,10 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
     if not last.candidates:
         return Judged((), last.left.calibration)
     kept = {k.group.name: k for k in last.chosen.kept}
-    nulls = called(problem.search.here, [partial(last.chosen.null_without, name) for name in kept])
-    by_chance = dict(zip(kept, nulls, strict=True))
+    common = last.chosen.null_without()
+    unsure = [name for name, k in kept.items() if k.gain - k.group.cost < SURE * common.max()]
+    nulls = called(problem.search.here, [partial(last.chosen.null_without, name) for name in unsure])
+    by_chance = dict.fromkeys(kept, common) | dict(zip(unsure, nulls, strict=True))
     residual = lru_cache(1)(problem.residual)
     fine = detailed(last.left, last.candidates)
     calibration = last.left.calibration

@@ -23,9 +23,8 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     of a candidate that does not depend on time is therefore shrunk to the mean of the model's columns (`_among`). A
     permutation of blocks corrects less: a drift within a block remains in any order of the blocks.
 
-    For a formula without a name, "noise" is the ratio of the variance with the noise of each pose to that with equal
-    noise, with s / (1 - leverage) as score (HC3 of MacKinnon and White 1985): the search for a formula prefers poses of
-    large noise, and random signs do not repeat this search.
+    For a formula without a name, "noise" is the ratio of the variances with unequal and equal noise of the poses (HC3
+    of MacKinnon and White 1985): the search for a formula, which random signs do not repeat, prefers noisy poses.
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))

@@ -91,15 +91,16 @@ class Selection:
         """Names of the selected groups of effects."""
         return frozenset(kept.group.name for kept in self.kept)
 
-    def null_without(self, name: str) -> Array:
-        """Return the largest net gain, nats, of any group on residuals with random signs, if one group does not exist.
+    def null_without(self, name: str = "") -> Array:
+        """Return the largest net gain, nats, of any group on residuals of the model without a group, with random signs.
 
-        The residuals are those of the model without the group `name`: the group may have absorbed the largest noise.
+        name: name of the group, which may have absorbed the largest noise; empty for the model with all groups.
         """
         limits, rng = self.offered.screening.prices.limits, np.random.default_rng(FOLD_SEED)
         together = exchangeable_blocks(self.state.fitting.poses.dataset, limits)
-        g = next(g for g in self.active.found if self.active.pool.groups[g].name == name)
-        return gain_null(reestimate(self.active.without(g)), self.offered.grids, together, rng, limits.shuffles)
+        without = [g for g in self.active.found if self.active.pool.groups[g].name == name]
+        active = reestimate(self.active.without(without[0])) if without else self.active
+        return gain_null(active, self.offered.grids, together, rng, limits.shuffles)
 
 
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:

@@ -93,6 +93,7 @@ def test_measured_torques_and_machines_without_masses_have_no_other_loads() -> N
     assert judged("irb6400r", replace(table, extras={"torque_J3": torque}, extra_units={"torque_J3": "N*m"}))[0] is None
 
 
+@pytest.mark.long
 def test_loads_that_predict_worse_than_the_findings_start_no_second_search() -> None:
     """A wrong payload explains the standard model's residual by 74 nats, and three eccentricities explain it wholly."""
     arm = gp.load_mechanism("irb6400r")

@@ -63,6 +63,7 @@ def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_sizes_of_two_changes_are_those_of_a_common_fit(fitted: Fitted) -> None:
     """A zero and a tool that slipped: the first change named must not absorb a part of the second."""
     model, made = fitted
@@ -236,6 +237,7 @@ def test_one_wrong_reading_is_an_outlier_and_no_change_but_beyond_the_tolerance(
     assert [p.row for p in found.record.beyond_tolerance] == [5]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rows", [(4, 0), (0, 10)])
 def test_a_wrong_reading_that_is_not_left_out_is_no_change_either(fitted: Fitted, rows: tuple[int, int]) -> None:
     """An effect at one row, such as a warm-up shorter than a row, would explain it."""

@@ -286,6 +286,7 @@ def test_no_accuracy_is_certified_by_computed_positions(tmp_path: Path, monkeypa
             gp.certificate(result)
 
 
+@pytest.mark.long
 def test_no_accuracy_is_certified_by_predictions_of_the_model() -> None:
     verified = gp.calibrate("ur5", SOUND, holdout=0).model.verify(table(40, 5, name="ur5"))
     predicted = replace(verified, record=replace(verified.record, chi_square=1e-9))
