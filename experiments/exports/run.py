@@ -24,6 +24,7 @@ from gpmodel.files import to_json, write_text
 from gpmodel.numerics import se3
 from gpmodel.table.cells import joint_table
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.robot_programs import AXES, fields_of
 from robots.library import EXAMPLE_ARMS
 
 HERE, POINT = Path(__file__).parent, ["x [mm]", "y [mm]", "z [mm]"]
@@ -87,7 +88,9 @@ def programs(model: gp.Model) -> dict[str, float | str]:
             found[f"program in {language}"] = error.said
             continue
         scales = [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in joints]
-        q = np.array([values[row + 1] for row in there.index])[:, : len(joints)] / scales
+        fields = fields_of(model.mechanism, None)
+        places = [AXES * (field[0] == "E") + int(field[1]) - 1 for field in fields]
+        q = np.array([values[row + 1] for row in there.index])[:, places] / scales
         here = np.array([frames[row + 1][:3, 3] for row in there.index])
         off = here - se3.chain(model.mechanism.transforms(q))[-1][:, :3, 3]
         apart = model.predict(joint_table(model.mechanism, q))[POINT].to_numpy() - wanted
