@@ -22,7 +22,7 @@ from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group,
 from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import Shown, TableLike
 from gpmodel.application.true_loads import machine_under_true_loads
-from gpmodel.calibration.comparison import Models, Step, fit_steps, nested_models, steps_of
+from gpmodel.calibration.comparison import Models, Step, fit_steps, nested_models, with_fit
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.executor import Forks, Workers
@@ -253,7 +253,7 @@ def _judged(
     ]
     together = calibrate_fleet(seen, [of[-1].calibration for of in steps], effects)
     return [
-        steps_of([*((step.name, step.calibration) for step in of), (PRIOR, fit)], poses, unseen)
+        with_fit(of, PRIOR, fit, poses, unseen)
         for of, fit, (_, poses), unseen in zip(steps, together.shrunk, seen, held, strict=True)
     ]
 

@@ -91,19 +91,19 @@ def divided(near: Recheck, known: Sequence[PossibleChange] = ()) -> Division | N
     problem = session.problem
     fixed = np.hstack([problem.columns[:, session.anew(problem)], problem.columns @ columns])
     sigma = whole.spread.sigma * np.sqrt(1.0 + np.mean(np.sum((whole.spread.u * whole.spread.s) ** 2, axis=1)))
-    best, second, own, found = -np.inf, every, offered[0], list[_Rows]()
+    left, pose, best, found = problem.residual / sigma, problem.pose_of_row, -np.inf, None
     for change in offered:
-        left, pose = problem.residual / sigma, problem.pose_of_row
         rows = _Rows.of(np.hstack([fixed, change.columns]), change.columns, left, pose)
-        nats, division = rows.best(whole.freedom)
+        nats, second = rows.best(whole.freedom)
         nats -= 0.5 * rows.size * np.log(rows.count)
         nats += np.log(SHARES[change.kind] / sum(other.kind == change.kind for other in offered))
         if nats > best:
-            best, second, own, found = nats, division, change, [rows]
-    if not found:
+            best, found = nats, (change, rows, second)
+    if found is None:
         return None
+    own, rows, second = found
     judged, changes = _judgeable(near, [*known, own, _in_rows(own, whole, second)], second)
-    return Division(judged, changes, found[0].scattered(second)) if changes else None
+    return Division(judged, changes, rows.scattered(second)) if changes else None
 
 
 def _judgeable(
@@ -119,7 +119,7 @@ def _judgeable(
     names = frozenset(effect.name for change in changes for effect in change.effects)
     start = session.saved.placement if session.tool else None
     use = settled(session.saved, session.poses.dataset, start, names).use
-    own = recheck(replace(near.session, use=use))
+    own = near if (use == near.session.use).all() else recheck(replace(near.session, use=use))
     second = second if _in_sequence(second) or 2 * second.sum() <= len(second) else ~second
     counts = np.bincount(own.problem.pose_of_row, minlength=len(use))
     most = min(int(counts[part].sum() - counts[part].max()) for part in (second, ~second))

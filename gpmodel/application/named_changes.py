@@ -53,6 +53,11 @@ class NamedChange:
     shares: tuple[Share, ...] = ()
     rows: tuple[int, ...] = ()
 
+    @property
+    def divides(self) -> bool:
+        """True if the rows were measured with two values of a constant of the machine or its load."""
+        return bool(self.rows) and self.kind != SET_UP
+
 
 @dataclass(frozen=True)
 class Visible:

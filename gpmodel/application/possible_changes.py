@@ -95,10 +95,6 @@ class PossibleChange:
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
-        if self.columns.shape[1] == 1:
-            size = float(np.linalg.norm(self.columns))
-            rank_of_it = int(size > 0.0)
-            return self.columns[:, :rank_of_it] / (size or 1.0), np.full(rank_of_it, size), np.ones((rank_of_it, 1))
         u, s, v = np.linalg.svd(self.columns, full_matrices=False)
         kept = s > 1e-9 * max(s[0], np.finfo(float).tiny)
         return u[:, kept], s[kept], v[kept]

@@ -112,7 +112,7 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     between two values of a constant, or if no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
-    divided = any(change.rows and change.kind != SET_UP for change in found.changes)
+    divided = any(change.divides for change in found.changes)
     identified = found.verdict == "drifted" and found.changes and found.complete
     if not identified or divided or without_frame(observations(data)):
         return None

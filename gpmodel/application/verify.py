@@ -40,7 +40,7 @@ COMPUTED = 0.02
 """Residual, in units of the noise of the fit, below which positions were computed from the model: no later instrument
 has a fiftieth of the noise."""
 DIVISIONS = 3
-"""Number of divisions, each given the changes of all rows beside the previous one; the second is usually the last."""
+"""Largest number of divisions of the rows that are sought for one table. Two suffice for nearly all tables."""
 FAR = 5e-4
 """RMS residual, m, above which the tool point is fitted again, not corrected linearly. At half a millimetre on a 0.2 m
 arm the second-order error of a rotation is a micrometre."""
@@ -119,7 +119,8 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
-    judged = _with_divided_rows(_Judged.of(_near(found, alone.placement), significance), found, significance)
+    placed = _near(found, alone.placement)
+    judged = _with_divided_rows(_Judged.of(placed, possible_changes(placed), significance), found, significance)
     near, tried, named, left = judged.near, judged.tried, judged.named, judged.left
     moved = _moved_tools(saved, judged)
     session = found.session
@@ -164,9 +165,8 @@ class _Judged:
     nats: float
 
     @classmethod
-    def of(cls, near: Recheck, significance: float, divisions: Sequence[PossibleChange] = ()) -> "_Judged":
-        """Select the changes that explain the residuals `near`. divisions: changes of a part of the rows."""
-        tried = (*possible_changes(near), *divisions)
+    def of(cls, near: Recheck, tried: tuple[PossibleChange, ...], significance: float) -> "_Judged":
+        """Select among the changes `tried` those that explain the residuals `near`."""
         nats, named, left = changes(near, tried, significance)
         excluded, rows = np.count_nonzero(~near.session.use), len(near.session.use)
         each = np.log(rows) + 0.5 * len(near.problem.residual) / (rows - excluded) * np.log(near.degrees)
@@ -190,21 +190,25 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
     """Select the changes again, with a division of the rows between two values of a constant, if the changes of all
     rows do not explain the residuals, if they are several, or if rows are outliers.
 
-    The division is sought without the changes of all rows, then with the changes that are selected given the division.
+    The division is sought without the changes of all rows, then with the changes that are selected given the division,
+    until these changes stay the same.
     """
     if judged.left.chance >= significance and found.session.use.all() and len(judged.named) < 2:
         return judged
     known: Sequence[PossibleChange] = ()
     for _ in range(DIVISIONS):
-        division = divided(judged.near, known)
-        if division is None:
-            known = judged.known
-            continue
-        tried = _Judged.of(division.found, significance, division.changes)
-        better = tried.complete and tried.nats > judged.nats and not division.scattered
-        if better and any(change.rows for change in tried.named):
-            return tried
-        known = tried.known or judged.known
+        further, division = judged.known, divided(judged.near, known)
+        if division is not None:
+            same = division.found is judged.near
+            offered = judged.tried if same else possible_changes(division.found)
+            tried = _Judged.of(division.found, (*offered, *division.changes), significance)
+            better = tried.complete and tried.nats > judged.nats and not division.scattered
+            if better and any(change.rows for change in tried.named):
+                return tried
+            further = tried.known or further
+        if [change.name for change in further] == [change.name for change in known]:
+            break
+        known = further
     return judged
 
 

@@ -93,7 +93,7 @@ def fit_steps(
 def steps_of(fits: Sequence[tuple[str, Calibration]], train: Poses, heldout: Poses) -> tuple[Step, ...]:
     """Compute the errors of named fits, all by the weights of the last fit, so that the models are comparable.
 
-    A further fit changes the weights of all steps: the steps are then computed again.
+    `with_fit` computes the steps again with a further fit, which changes the weights of all steps.
     """
     weights, known = fits[-1][1].weights, known_rows(train.dataset, heldout.dataset)
     there = heldout.subset(known)
@@ -105,6 +105,11 @@ def steps_of(fits: Sequence[tuple[str, Calibration]], train: Poses, heldout: Pos
         return Step(name, fit, fit.error if fit.weights == weights else errors_on(fit, train, weights), unseen)
 
     return tuple(step(*named) for named in fits)
+
+
+def with_fit(steps: Sequence[Step], name: str, fit: Calibration, train: Poses, heldout: Poses) -> tuple[Step, ...]:
+    """Return the steps and a further fit, with the errors of all by the weights of the further fit."""
+    return steps_of([*((step.name, step.calibration) for step in steps), (name, fit)], train, heldout)
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:

@@ -10,7 +10,7 @@ from gpmodel import wording
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import point_deviation
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step, fit_steps, nested_models, steps_of
+from gpmodel.calibration.comparison import Step, fit_steps, nested_models, with_fit
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.priors import off_mean
@@ -171,8 +171,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
     most = 2 * len(outlying) >= len(fleet.effects) + len(fleet.blocks)
     judged = fitted_with_prior(fleet, prior, seen, alone) if most else fit
-    fits = [*((step.name, step.calibration) for step in steps), (PRIOR, fit)]
-    return Further(steps_of(fits, seen, unseen), fit, alone, outlying, compare_with_type(judged, seen))
+    return Further(with_fit(steps, PRIOR, fit, seen, unseen), fit, alone, outlying, compare_with_type(judged, seen))
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:

@@ -12,7 +12,6 @@ import pandas as pd
 
 from gpmodel import files
 from gpmodel.application.named_changes import NamedChange, Visible
-from gpmodel.application.possible_changes import SET_UP
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
@@ -138,7 +137,7 @@ class Verification:
     @property
     def divided(self) -> bool:
         """True if the rows divide between two values of a constant of the machine or its load."""
-        return any(change.rows and change.kind != SET_UP for change in self.changes)
+        return any(change.divides for change in self.changes)
 
     @property
     def beyond_tolerance(self) -> tuple[PoseRecord, ...]:
