@@ -4,7 +4,7 @@ The registration is fitted again, because an instrument is never set up at an id
 not refit the tool point of the model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -20,7 +20,7 @@ from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, sett
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.checks.readings import computed
+from gpmodel.checks.rounding import computed, rounded
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement, observe, turn_error
@@ -130,6 +130,9 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         verdict = "another machine" if useless and not judged.complete else "drifted"
+    if verdict != "holds":
+        for text in _rounded(found):
+            raise InputError(f"{dataset.source}: {text}")
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
     return Verified(
@@ -246,6 +249,14 @@ def _near(found: Recheck, start: Placement) -> Recheck:
         return found
     again = recheck(settled(session.saved, session.poses.dataset, start))
     return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else found
+
+
+def _rounded(found: Recheck) -> Iterator[str]:
+    """Yield a sentence if rounding of the table explains the residual of a model."""
+    session = found.session
+    left = root_mean_square(session.errors[session.use]) * np.sqrt(len(found.z) / found.degrees)
+    data = session.poses.dataset
+    yield from rounded(session.saved.mechanism, session.observed, data, left, found.degrees)
 
 
 @dataclass(frozen=True)

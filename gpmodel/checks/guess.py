@@ -13,7 +13,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, role_of, si_of, sign_doubts, windows
 from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, PROPER, TAIT_BRYAN, rotation_misfit
 from gpmodel.checks.notes import POOR_LENGTH, flange
-from gpmodel.checks.readings import ENOUGH, FINEST, rounding
+from gpmodel.checks.rounding import ENOUGH, FINEST, rounding
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, prepare

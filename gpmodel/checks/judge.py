@@ -13,7 +13,7 @@ from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.checks.lenses import ADVICE, another_lens, with_fitted_lenses
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
-from gpmodel.checks.readings import computed, written_to_a_digit
+from gpmodel.checks.rounding import computed, rounded, written_to_a_digit
 from gpmodel.checks.scales import scaled
 from gpmodel.checks.smooth_errors import unexplained
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
@@ -89,7 +89,7 @@ def check_dataset(
         wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     sizes = [Remark(*said) for said in scaled(fit, poses)]
-    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
+    warnings = [Remark("warning", text) for text in (*warnings_of(mechanism, poses, fit), *_rounded(fit, poses))]
     said = notes(mechanism, poses, (bare, fit), noise_floor(data))
     sampled = (f"tested on {len(rows)} of {len(data)} rows, in equally spaced blocks",) if many else ()
     remarks = [*wrong, *sizes, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
@@ -108,6 +108,15 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
             yield "; ".join(filter(None, (text, rows))), "the residual of the standard model is too large"
         else:
             yield f"{text}. With compliances and smooth errors of the joints, {1e3 * left:.3g} mm remain", ""
+
+
+def _rounded(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """Yield a warning if rounding of the table explains the residual of the standard model."""
+    mechanism, seen = fit.model.mechanism, resolved(fit, poses)
+    values = measured_values(seen.dataset)
+    freedom = max(values - unknowns(mechanism, seen.dataset, fit.model.effects), 1)
+    left = root_mean_square(fit.fitted_error) * np.sqrt(values / freedom)
+    yield from rounded(mechanism, observe(fit.model, seen, fit.theta, fit.placement), seen.dataset, left, freedom)
 
 
 def evenly(count: int) -> IntArray:

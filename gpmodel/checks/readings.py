@@ -8,68 +8,6 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.dataset import Dataset
-
-MOST_DIGITS = 9
-"""Number of decimals of a millimetre or a degree from which a number counts as not rounded."""
-FINEST = 5e-6
-"""RMS residual, m, below which positions are computed and not measured: no instrument on a robot is as accurate."""
-SPREAD = 1.0 / np.sqrt(12.0)
-"""Ratio of the standard deviation of a rounding error to the size of the last digit."""
-ENOUGH = 1.5
-"""Ratio of a residual to the rounding error, up to which rounding explains the residual."""
-
-
-def written_to_a_digit(data: Dataset) -> bool:
-    """Return whether all positions are rounded to a common decimal, as in files of a robot controller."""
-    return _last_digits(data)[0] > 0
-
-
-def computed(left: float, data: Dataset) -> Iterator[str]:
-    """Yield an error if a controller computed the positions. left: RMS residual after registration and tool, m."""
-    step = rounding(data)
-    if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
-        yield (
-            f"these positions are computed, not measured: the residual is {1e6 * left:.2g} µm, the "
-            "rounding of the digits; expected positions of an instrument, not of the controller"
-        )
-
-
-def rounded(left: float, data: Dataset) -> Iterator[str]:
-    """Yield a warning if rounding of the table explains the residual. left: RMS residual of the standard model, m."""
-    largest, (step, turn) = rounding(data), _last_digits(data)
-    if FINEST < left < ENOUGH * largest:
-        ends = [f"joint values are rounded to {np.degrees(turn):.3g} deg"] if turn else []
-        ends += [f"positions are rounded to {1e3 * step:.3g} mm"] if step else []
-        yield (
-            f"rounding explains the residual: {' and '.join(ends)}, which causes up to "
-            f"{1e3 * largest:.3g} mm RMS; expected more digits"
-        )
-
-
-def rounding(data: Dataset) -> float:
-    """Return the largest RMS position error, m, by rounding of joint values and positions, as if every joint had the
-    full reach of the arm as lever."""
-    step, turn = _last_digits(data)
-    whole = data.position[np.isfinite(data.position).all(axis=1)]
-    reach = float(np.sqrt(np.mean(np.sum((whole - whole.mean(axis=0)) ** 2, axis=1)))) if len(whole) else 0.0
-    return float(SPREAD * np.hypot(np.sqrt(3.0) * step, np.sqrt(data.q.shape[1]) * turn * reach))
-
-
-def _last_digits(data: Dataset) -> tuple[float, float]:
-    """Return the size of the last decimal of all positions, m, and of all joint values, rad or m; zero for values
-    without a common decimal."""
-    return 1e-3 * _last(1e3 * data.position), float(np.radians(_last(np.degrees(data.q))))
-
-
-def _last(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    for digits in range(-1, MOST_DIGITS):
-        scaled = known * 10.0**digits
-        if len(known) and np.abs(scaled - np.round(scaled)).max() < 1e-4:
-            return 10.0**-digits
-    return 0.0
-
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 """Units of length in tables, and their size in metres."""

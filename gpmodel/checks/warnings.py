@@ -7,7 +7,6 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, problem_at, resolved
-from gpmodel.checks.readings import rounded
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, measured_minus, observe, turn_error
 from gpmodel.model.states import unused_torques
@@ -76,18 +75,25 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
         rows, series = poses.dataset.row[use], values[use]
         if len(series) < JUMP_ROWS:
             continue
-        series = series - series.mean()
-        walk = np.abs(np.cumsum(series)) / (series.std() * np.sqrt(len(series)) or 1.0)
+        series, walk = series - series.mean(), _walk(series)
         at = int(np.argmax(walk[:-1]))
         if best is None or walk[at] > best[0]:
             best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()), label)
     if best is None or best[0] <= JUMP_STATISTIC:
         return None
+    joints = zip(poses.dataset.joints, poses.dataset.q.T, strict=True)
+    ordered = [name for name, q in joints if np.ptp(q) > SAME_JOINT and _walk(q).max() > JUMP_STATISTIC]
+    driven = f", or an effect of {', '.join(ordered)}, whose values change along the rows" if ordered else ""
     return (
         f"residuals change along the rows, most clearly after row {best[1]} (by {1e3 * abs(best[2]):.3g} mm); "
-        f"the cause is drift, or a change of the set-up: a column '{best[3]}' gives each part a separate "
-        f"{PLACED[best[3]]}"
+        f"the cause is drift, or a change of the set-up (a column '{best[3]}' gives each part a separate "
+        f"{PLACED[best[3]]}){driven}"
     )
+
+
+def _walk(series: Array) -> Array:
+    """Return the absolute standardised cumulative sums of a series."""
+    return np.asarray(np.abs(np.cumsum(series - series.mean())) / (series.std() * np.sqrt(len(series)) or 1.0))
 
 
 def _serial(residual: Array, poses: Poses) -> str | None:
@@ -140,7 +146,7 @@ FEWEST_REPEATS = 5
 
 def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterator[str]:
     """Yield one sentence for each warning on a table: on unused loads, joints that hardly move, repeats, outliers,
-    rounding, order of the rows.
+    order of the rows.
 
     fit: fit of the standard model.
     """
@@ -155,7 +161,6 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
     yield from _frozen(data)
     yield from _outliers(fit, poses)
     yield from order_matters(fit, poses)
-    yield from rounded(root_mean_square(fit.fitted_error), data)
     if fit.status != "converged":
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 

@@ -15,6 +15,7 @@ from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.blocks import SAME_JOINT
 from gpmodel.table.dataset import Dataset
 
 LIMIT = 50.0
@@ -101,7 +102,8 @@ def misread_column(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, 
     """Describe the column of a joint that hardly moves the point, if other values or free angles fit far better.
 
     The residual of registration and tool alone exceeds the effect of such a column. Original and alternative column are
-    therefore fitted with the standard model and compared by the likelihood, with equal numbers of unknowns.
+    therefore fitted with the standard model and compared by the likelihood, with equal numbers of unknowns. The column
+    of a joint at rest shows nothing: added to a moving joint, it makes another arm that may fit an effect better.
     """
     rows = comparable_rows(data)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
@@ -112,7 +114,7 @@ def misread_column(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, 
     most, errors = typical_rows(frames, data.position[rows])
     rows, frames, now = rows[most], frames[most], root_mean_square(errors[most])
     q, p = data.q[rows], data.position[rows]
-    weak = _moved_by(mechanism, q, registered(frames, p)) < WEAK * now
+    weak = (_moved_by(mechanism, q, registered(frames, p)) < WEAK * now) & (np.ptp(q, axis=0) > SAME_JOINT)
     if not weak.any():
         return None
     fit = fitted(mechanism, data.subset(rows), standard)

@@ -245,12 +245,6 @@ def test_two_arms_before_one_tracker_are_no_mix_up(tmp_path: Path) -> None:
 SOUND = table(60, name="ur5")
 
 
-def rounded(decimals: int, of: str) -> object:
-    frame = SOUND.astype(float)
-    columns = [c for c in frame if f"[{of}]" in c]
-    return frame.assign(**{c: frame[c].round(decimals) for c in columns})
-
-
 def of_the_controller(decimals: int) -> object:
     own = table(60, name="ur5", noise=0.0, geometry_sigma=0.0).astype(float)
     return own.assign(**{f"{a} [mm]": own[f"{a} [mm]"].round(decimals) for a in "xyz"})
@@ -267,13 +261,6 @@ def test_positions_of_the_nominal_arm_are_called_computed(decimals: int) -> None
 def test_nothing_is_fitted_to_computed_positions(fit: Callable[..., object]) -> None:
     with pytest.raises(gp.InputError, match="these positions are computed, not measured"):
         fit("ur5", of_the_controller(3))
-
-
-@pytest.mark.parametrize(("decimals", "of"), [(1, "deg"), (0, "mm")])
-def test_a_residual_that_rounding_explains_is_said_to_be_rounding(decimals: int, of: str) -> None:
-    said = " ".join(gp.check("ur5", rounded(decimals, of)).summary().split())
-    assert "rounding explains the residual" in said
-    assert "rounding" not in gp.check("ur5", SOUND).summary()
 
 
 def test_no_accuracy_is_certified_by_computed_positions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
