@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -40,9 +41,19 @@ def evolves(file: Path) -> bool:
     return EVOLVES.search(file.read_text(encoding="utf-8")) is not None
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that share runs come first: together they take longest. The others that evolve come last: meanwhile one
-    worker has compiled the kernels, which two would compile side by side."""
+    """Mark all instances but the first ones as long where a test asks for it, and order the files.
+
+    Files that share runs come first: together they take longest. The others that evolve come last: meanwhile one worker
+    has compiled the kernels, which two would compile side by side."""
+    seen = Counter[str]()
+    for item in items:
+        if first := item.get_closest_marker("first"):
+            test = item.nodeid.partition("[")[0]
+            if seen[test] >= first.args[0]:
+                item.add_marker(pytest.mark.long)
+            seen[test] += 1
     items.sort(key=lambda item: (not reads_the_loop(item.path), evolves(item.path)))
 
 

@@ -43,7 +43,7 @@ def evolve_or_die_once(task: tuple[Path, int]) -> list[str]:
 def small_run(representation: Representation, seed: int) -> list[str]:
     inputs = Inputs(("a", "b"), np.random.default_rng(0).uniform(-2, 2, (2, 60)))
     problem = SlotProblem(inputs, regression(np.sin(inputs["a"]) * inputs["b"] + inputs["a"] ** 2))
-    settings = Settings(representation, budget=Budget(128, 10, seconds=1e9, climb=1))
+    settings = Settings(representation, budget=Budget(64, 6, seconds=1e9, climb=1))
     return [f"{s.program} {s.gain.hex()}" for s in evolve(problem, settings, np.random.default_rng(seed)).front]
 
 

@@ -76,6 +76,7 @@ def test_results_draw_and_print_themselves(fit: gp.Model, found: gp.Model) -> No
     assert next(iter(found.histogram.columns)) == "input"
 
 
+@pytest.mark.long
 def test_what_is_long_says_itself_in_a_line(found: gp.Model) -> None:
     dataset = gp.read_table(table(60), gp.load_mechanism("irb6400r"))
     assert repr(dataset) == "<table data frame: 60 poses of J1, J2, J3, J4, J5, J6, 60 with x, y, z>"

@@ -26,6 +26,7 @@ def mechanism(name: str, folder: Path) -> Mechanism:
     return gp.load_mechanism(str(folder / "torso.urdf"), frame=TIPS)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     "name", ["irb6400r", "hexapod", *(pytest.param(name, marks=pytest.mark.long) for name in ("tau", "torso"))]
 )

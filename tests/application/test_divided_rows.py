@@ -86,6 +86,7 @@ LONG = [
 ]
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("second", "constant", "size", "zero"), [*QUICK, *(pytest.param(*one, marks=pytest.mark.long) for one in LONG)]
 )

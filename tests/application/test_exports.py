@@ -66,6 +66,7 @@ def exports(model: Model) -> Exports:
     return exports_of(model.saved, Place.of(model.saved))
 
 
+@pytest.mark.first(1)
 def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
     assert {e.file for e in exports.files} - REFUSED == FILES
     assert set(exports.refused) == REFUSED - {e.file for e in exports.files}
@@ -108,6 +109,7 @@ def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_mis
         assert source.largest < largest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", some(["a fit", "export"], "export"))
 def test_no_file_of_an_earlier_model_is_left_among_the_exports(by: str, tmp_path: Path) -> None:
     mechanism, made = robot(30, name="irb6400r")
@@ -196,6 +198,7 @@ def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
     assert [j.name for j in again.joints] == [j.name for j in model.mechanism.joints]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("poses", [60, 160])
 def test_outliers_do_not_count_in_the_held_out_error_of_a_refitted_geometry(poses: int) -> None:
     """Of 60 poses each is held out once, of 160 three tenths."""

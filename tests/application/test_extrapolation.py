@@ -19,6 +19,7 @@ def carrying(data: Dataset, kilograms: float) -> Dataset:
     return replace(data, payload=np.full(len(data), kilograms), payload_given=True)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("moved", [0.0, 4e-4])
 @pytest.mark.parametrize("seed", some([1, 2, 3], 1))
 def test_a_model_is_less_certain_at_temperatures_beyond_its_fit(seed: int, moved: float) -> None:
@@ -34,6 +35,7 @@ def test_a_model_is_less_certain_at_temperatures_beyond_its_fit(seed: int, moved
         assert record.changes[0].value == pytest.approx(moved, abs=3.5 * record.changes[0].stderr)
 
 
+@pytest.mark.first(3)
 @pytest.mark.parametrize("centre", ["0,0,250mm", "120,-80,60mm", "0,0,0mm"])
 @pytest.mark.parametrize("declared", [True, False])
 @pytest.mark.parametrize("kilograms", [10.0, 40.0])

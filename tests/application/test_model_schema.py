@@ -312,6 +312,7 @@ def test_basis_without_a_text_cannot_be_saved() -> None:
         model_text(replace(saved, model=ErrorModel(saved.mechanism, (effect, *saved.model.effects[1:]))))
 
 
+@pytest.mark.long
 def test_a_model_of_several_payloads_asks_for_the_payload() -> None:
     arm = gp.load_mechanism("irb6400r")
     made = gp.simulate(arm, poses=40, inputs={"payload [kg]": "0|60"}, effects=["joint_compliance J3=1e-7"], seed=1)

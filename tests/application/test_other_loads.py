@@ -57,6 +57,7 @@ def judged(name: str, table: Dataset) -> tuple[OtherLoads | None, Poses]:
     return other_loads(residual_of(fit, poses, Criteria(), FOLD_SEED), arm), poses
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("declared", ["", pytest.param("1|1", marks=pytest.mark.long), "0|1|2"])
 @pytest.mark.parametrize("name", sorted(WEAK))
 def test_a_mass_that_is_not_declared_is_found_with_its_centre(name: str, declared: str) -> None:
@@ -70,6 +71,7 @@ def test_a_mass_that_is_not_declared_is_found_with_its_centre(name: str, declare
     assert sigma[0] < 0.4 * mass
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("name", sorted(WEAK))
 @pytest.mark.parametrize(("gravity", "loaded"), [((9.81, 0.0, 0.0), False), ((0.0, 5.0, -8.44), True)])
 def test_gravity_in_another_direction_is_found(name: str, gravity: tuple[float, ...], loaded: bool) -> None:
@@ -80,6 +82,7 @@ def test_gravity_in_another_direction_is_found(name: str, gravity: tuple[float, 
     assert np.degrees(np.arccos(np.clip(way @ gravity / np.linalg.norm(gravity), -1.0, 1.0))) < 3.0
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("name", sorted(WEAK))
 @pytest.mark.parametrize("declared", ["", pytest.param("2|2", marks=pytest.mark.long), "0|1|2"])
 @pytest.mark.parametrize("weak", [True, pytest.param(False, marks=pytest.mark.long)])

@@ -14,6 +14,7 @@ from gpmodel.model.error_model import prepare
 FOUND, ABSORBED = "joint compliance, shoulder_lift_joint", "base compliance"
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("base", "unaware"), [(1e-6, 7.0), (2e-6, 15.0), pytest.param(6e-6, 30.0, marks=pytest.mark.long), (9e-6, 30.0)]

@@ -34,6 +34,7 @@ def later(
     return replace(read_later(made, at, placement, rng), q=q)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", some([1, 2], 1))
 @pytest.mark.parametrize(
     ("joint", "kind", "size"),
@@ -58,6 +59,7 @@ def test_a_break_in_the_curve_of_a_joint_is_one_change_with_its_place(
     assert found.explained
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("axes", some(["x", "y", "z", "xyz"], "z", "xyz"))
 def test_a_scale_of_measured_coordinates_is_an_error_of_the_instrument(fitted: Fitted, axes: str) -> None:
     data = later(fitted, 4)
@@ -70,6 +72,7 @@ def test_a_scale_of_measured_coordinates_is_an_error_of_the_instrument(fitted: F
     assert "Set-up or instrument changed, not the machine" in found.verdict
 
 
+@pytest.mark.long
 def test_growth_of_the_machine_is_no_scale_of_the_instrument(fitted: Fitted) -> None:
     """Growth moves the flange and not the tool point within it."""
     made, rng = fitted[1], np.random.default_rng(5)

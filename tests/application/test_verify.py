@@ -78,6 +78,7 @@ def test_sizes_of_two_changes_are_those_of_a_common_fit(fitted: Fitted) -> None:
     assert np.sqrt(np.mean(np.square(off))) < 1.7
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("joint", [1, 2, 3])
 def test_a_frame_that_a_crash_displaced_is_one_change(fitted: Fitted, joint: int) -> None:
     """Six constants of one frame change: one change and no series of zeros and lengths, repaired by its constants."""
@@ -165,6 +166,7 @@ def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: Fitted) -> None:
         assert abs(found.record.changes[0].value - slip) < 5 * found.record.changes[0].stderr
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("joint", "moved", "slip", "first", "instead"),
     [(0, 0.0, 3e-4, "tool point", "J6 Tx"), (5, 2e-3, 0.0, "zero of J6", "tool point"),
@@ -182,6 +184,7 @@ def test_changes_that_no_pose_distinguishes_are_one_with_all_their_names(
         assert f"; may instead be {', or '.join(found.record.changes[0].rivals)}." in found.verdict
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("slip", [4e-4, 7e-4, 2e-2])
 def test_a_tolerance_counts_the_error_with_the_tool_point_of_the_model(fitted: Fitted, slip: float) -> None:
     """The registration takes up a part of a shift of the tool point, on arms of 2 m less than half."""
@@ -192,6 +195,7 @@ def test_a_tolerance_counts_the_error_with_the_tool_point_of_the_model(fitted: F
     assert found.record.beyond >= 15
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_one_zero_of_an_accurate_machine_is_no_other_machine(accurate: Fitted, seed: int) -> None:
     """The nominal geometry of an accurate machine is hardly worse than its model after a small change."""

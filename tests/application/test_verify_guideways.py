@@ -34,6 +34,7 @@ def later(gantry: Gantry, seed: int, effects: tuple[Effect, ...] = (), size: flo
     return verified(model.saved, replace(data, position=points + noise))
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(
     ("joint", "axis", "place", "size"), [("X", "Ty", 0.1, 2e-4), ("Y", "Tz", -0.1, 1e-4), ("X", "Rz", 0.0, 4e-4)]
@@ -50,6 +51,7 @@ def test_a_step_of_a_guideway_is_one_change_with_its_place(
     assert abs(change.value - size) < 4.0 * change.stderr or axis[0] == "R"
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_gantry_without_a_change_holds(gantry: Gantry, seed: int) -> None:
     assert later(gantry, seed).verdict == "holds"

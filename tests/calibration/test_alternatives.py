@@ -168,6 +168,7 @@ def test_on_a_whole_workspace_nothing_of_an_arm_is_hidden() -> None:
     assert closest_alternatives(fit, poses) == ()
 
 
+@pytest.mark.long
 def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_measured_where_told() -> None:
     fit, poses, arm = measured_arm(0.2)
     assert 0 < len(closest_alternatives(fit, poses)) <= LISTED

@@ -72,6 +72,7 @@ def error_at_new_poses(fit: Calibration, truth: Truth) -> float:
     return float(np.sqrt(np.mean(np.sum((seen @ turn.T + shift - exact) ** 2, axis=1))))
 
 
+@pytest.mark.first(3)
 @pytest.mark.parametrize("table", TABLES)
 def test_kinds_count_by_their_own_noise(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
     noise = TABLES[table]

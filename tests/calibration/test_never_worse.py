@@ -207,6 +207,7 @@ def test_the_payload_hangs_where_registration_and_tool_alone_put_the_point() -> 
     assert ARM.choice.payload_com is None
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("masses", [(0.0, 20.0), (3.0, 21.0), (20.0, 20.0)])
 def test_each_of_several_tools_has_its_own_centre(masses: tuple[float, float], tmp_path: Path) -> None:
     truth = measure("irb6400r", (), (), 1, geometry=0.0, dataset=bare("irb6400r", 60, 1))

@@ -43,6 +43,7 @@ def test_touches_leave_an_arm_no_worse_inside_or_outside_than_its_description(gu
     assert outside < 0.3 * nominal_outside
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [8, pytest.param(12, marks=pytest.mark.long)])
 def test_a_bar_corrects_an_arm_with_undeclared_effects(seed: int) -> None:
     made = gp.simulate(ARM, EFFECTS, poses=120, instrument="bar", geometry_sigma="0.3 mm", noise="0.05 mm", seed=seed)
@@ -69,6 +70,7 @@ def test_joint_zeros_that_were_lost_are_found_whatever_a_maker_tolerates() -> No
     assert max(after) < 0.3 * min(nominal)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("guilty", [False, True])
 def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> None:
     fits, poses, errors = touched(guilty)

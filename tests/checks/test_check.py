@@ -228,6 +228,7 @@ def test_a_few_gross_errors_are_no_misreading() -> None:
     assert mixed_up(mechanism, replace(made.dataset, position=position)) is None
 
 
+@pytest.mark.long
 def test_two_tools_are_no_misreading() -> None:
     mechanism, made = robot(60)
     half = np.arange(60) % 2 == 0

@@ -127,6 +127,7 @@ def test_a_long_text_is_quoted_in_part(tmp_path: Path) -> None:
     assert "y" * (QUOTED + 1) not in said
 
 
+@pytest.mark.long
 def test_of_many_rows_a_part_is_judged_and_that_is_said() -> None:
     arm, made = robot(MOST_FITTED + 500, 3)
     said = check_dataset(arm, made.dataset)
@@ -268,6 +269,7 @@ def test_check_ends_with_2_where_a_table_is_not_fit_to_calibrate_with(tmp_path: 
     assert "not fit to calibrate with" in result.stdout
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize(("radius", "fits"), [(0.15, True), (0.3, True), (0.6, True), (0.3, False)])
 def test_a_ball_bar_of_nearly_constant_length_is_accepted(radius: float, fits: bool) -> None:
     """The nominal points are on a sphere, so that the spread of the lengths is the error of the machine itself.

@@ -285,7 +285,7 @@ DOUBTS = (
 )
 
 
-@pytest.mark.parametrize("case", some(DOUBTS, "a unit against the header", "signs and zeros of KUKA"))
+@pytest.mark.parametrize("case", some(DOUBTS, "a unit against the header"))
 def test_a_doubt_that_matters_is_named(case: str, tmp_path: Path) -> None:
     make, said = doubtful()[case]
     _, found = guess_files((make(tmp_path),), measured()[0], None)

@@ -55,6 +55,7 @@ def test_a_lens_that_is_not_the_described_one_is_named_before_the_robot(case: st
     assert not any("another machine" in text for text in said)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("instrument", [pytest.param("camera", marks=pytest.mark.long), "hand camera"])
 @pytest.mark.parametrize("effect", ["", "joint_compliance J2=3e-6 rad/Nm"])
 def test_a_robot_with_the_described_lens_has_no_wrong_lens(instrument: str, effect: str) -> None:

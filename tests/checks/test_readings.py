@@ -106,6 +106,8 @@ LIKE_OTHERS = {
     "coupled from another zero",
     "coupled before a zero",
     "one reading lost",
+    "a late column",
+    "two stands",
 }
 
 

@@ -160,6 +160,7 @@ def test_missing_table_names_the_file(tmp_path: Path) -> None:
     assert "cannot be read" in line
 
 
+@pytest.mark.long
 def test_one_of_two_groups_is_held_out(tmp_path: Path) -> None:
     side = ["left" if i % 2 else "right" for i in range(len(GOOD))]
     path = write(GOOD.assign(group=side), tmp_path / "measured.csv")

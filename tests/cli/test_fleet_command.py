@@ -143,6 +143,7 @@ def missing_table(folder: Path) -> None:
     (folder / "fleet.toml").write_text('[serials]\n"R-77.csv" = "a"\n')
 
 
+@pytest.mark.first(7)
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [

@@ -36,6 +36,7 @@ def spawned(folder: Path, *words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_an_unpacked_mechanism_goes_with_its_process(tmp_path: Path) -> None:
     methods = [m for m in ("fork", "spawn") if m in multiprocessing.get_all_start_methods()]
     unpack = f"""

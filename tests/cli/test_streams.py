@@ -122,6 +122,7 @@ RUNS = [
 ]
 
 
+@pytest.mark.first(3)
 @pytest.mark.parametrize(("command", "kind"), RUNS)
 def test_what_was_done_is_kept_whatever_becomes_of_the_output(
     command: str,

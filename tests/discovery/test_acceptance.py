@@ -56,6 +56,7 @@ def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
     assert not strongest("nothing", null=null).accepted
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize(
     ("rule", "limit", "said"),
     [

@@ -187,6 +187,7 @@ def test_a_step_whose_row_was_held_out_is_put_right_by_the_final_fit() -> None:
     assert not len(found.found.outliers)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("joint", "row", "millimetres"), [("J1", 90, 0.3), ("J2", 60, 0.2), ("J3", 60, 1.0), ("J4", 35, 0.2)]
 )

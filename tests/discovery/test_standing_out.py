@@ -43,6 +43,7 @@ def beside_curve(law: str, gross: tuple[int, ...] = ()) -> Residual:
     return residual_of(fit, poses, Criteria(), 0)
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("gross", [(), GROSS])
 @pytest.mark.parametrize("law", SHARP)
 def test_what_is_sharper_than_the_curve_is_in_doubt_and_explained_by_the_law(law: str, gross: tuple[int, ...]) -> None:

@@ -72,6 +72,7 @@ def test_a_random_walk_costs_a_step_most_of_its_evidence(seed: int) -> None:
     assert factor > 2
 
 
+@pytest.mark.first(3)
 @pytest.mark.parametrize("prior", some([np.inf, 1e-4], np.inf))
 @pytest.mark.parametrize("planted", NAMES)
 def test_evidence_is_of_so_many_times_fewer_readings(planted: str, prior: float) -> None:

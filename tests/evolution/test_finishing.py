@@ -25,6 +25,7 @@ def problem(law: str, noise: float = 0.02, seed: int = 0) -> SlotProblem:
     return SlotProblem(INPUTS, regression(response + spread), parsimony=2.0)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("kinds", [(), KINDS])
 @pytest.mark.parametrize(
     ("law", "near"),

@@ -53,6 +53,7 @@ LAWS = [
 ]  # fmt: skip
 
 
+@pytest.mark.first(3)
 @pytest.mark.parametrize(("law", "nodes"), [*BRIEF, *(pytest.param(*law, marks=pytest.mark.long) for law in LAWS)])
 def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     problem = curve(law, 0.05)

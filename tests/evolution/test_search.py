@@ -122,6 +122,7 @@ def test_coefficients_explain_other_poses_too() -> None:
     assert gain > 0.999
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("norm", ["max", "rms"])
 @pytest.mark.parametrize("representation", REPRESENTATIONS)
 def test_a_compensator_lowers_the_norm_of_the_distances(representation: str, norm: str) -> None:

@@ -189,6 +189,7 @@ def test_torque_is_linear_in_mass_moments_fixed_in_the_frames(name):
         np.testing.assert_allclose(predicted, gravity_loads(arm, q).torque[:, joint - 1], atol=1e-9)
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("name", ["irb_like", "seven_tilted", "rail_kuka", "gantry", "scara"])
 def test_columns_agree_with_differences(name):
     arm, rng = ARMS[name], np.random.default_rng(2)

@@ -186,6 +186,7 @@ def test_a_place_is_always_the_same_and_its_truth_predicts_best(factors: int) ->
     assert place.error(place.truth) < noise < place.error(np.zeros_like(place.truth))
 
 
+@pytest.mark.long
 def test_a_law_that_was_found_is_judged_at_poses_it_never_saw() -> None:
     row = at_place.judged(1, 1)
     assert row["found"]

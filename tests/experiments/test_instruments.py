@@ -14,6 +14,7 @@ from experiments.instruments.robots import machine
 HERE = Path(run.__file__).parent
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("kind", [name for name in KINDS if "camera" not in name])
 def test_exact_readings_are_those_of_the_robot_as_it_is(kind: str) -> None:
     robots = machine(0, True, 2 if kind == "two arms" else 1)

@@ -67,6 +67,7 @@ def test_a_told_oracle_is_near_the_noise_where_geometry_is_not(factors, index, t
     assert row["explained"] == 0.0
 
 
+@pytest.mark.long
 def test_the_product_reads_the_columns_that_the_laws_are_drawn_over(tmp_path):
     robot = make(0, 2, 18)
     assert any(name.startswith("torque") for name in robot.law.inputs)
@@ -99,6 +100,7 @@ def finding(place, inputs, basis="J2"):
     return EffectRecord("found", slot, axis, basis, inputs=inputs)
 
 
+@pytest.mark.long
 def test_findings_are_graded_by_inputs_and_place(tmp_path):
     robot = make(0, 1, 2)
     _, states = oracle(robot, write(robot, tmp_path))
@@ -116,6 +118,7 @@ def test_findings_are_graded_by_inputs_and_place(tmp_path):
     assert graded((), robot, states)["inputs_right"] is False
 
 
+@pytest.mark.long
 def test_on_an_innocent_robot_all_is_false_but_what_follows_a_tracker_that_walks(tmp_path):
     for index, false in ((0, 2), (list(INNOCENT).index("walking tracker"), 1)):
         robot = make(0, 0, index)
@@ -132,6 +135,7 @@ def test_a_robot_for_a_last_look_is_kept_without_what_tells_which_it_is():
     assert shown({**one, "seed": 2}, False) == {**one, "seed": 2}
 
 
+@pytest.mark.long
 def test_a_surface_told_inputs_and_place_is_near_the_oracle_of_a_smooth_law(tmp_path):
     robot = make(0, 1, 4)
     told, _ = oracle(robot, write(robot, tmp_path))

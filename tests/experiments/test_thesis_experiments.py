@@ -99,6 +99,7 @@ def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_tha
     assert eccentric["J4"] >= 3 > max(eccentric["J2"], eccentric["J5"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seeds", "population", "generations"),
     [("1", "512", "12"), pytest.param("2", "1024", "30", marks=pytest.mark.slow)],

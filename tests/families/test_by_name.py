@@ -342,6 +342,7 @@ def test_a_family_from_outside_changes_nothing_for_the_others() -> None:
     assert all(np.isfinite(t.basis(STATES_OFFER)).all() for name in both.keys() - own.keys() for t in both[name].terms)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_name_with_other_constants_is_read_as_it_is_printed(every: bool) -> None:
     """A search refines time constants, rows and rates, and prints names that no list of candidates has.

@@ -249,6 +249,7 @@ def test_of_the_whole_catalogue_the_planted_one_saves_most(name: str, kind: str)
     assert best[1].nats > 20.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", some(["poses", "walk", "repeats"], "walk"))
 def test_an_innocent_robot_has_no_memory(kind: str) -> None:
     there = left_over(table(kind), (), np.zeros(0))
@@ -277,6 +278,7 @@ def test_without_an_order_of_the_rows_nothing_remembers() -> None:
     assert not [c for f in (memory.play_last_move,) for c in f(ARM, prepare(ARM, data).states)]
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize(
     ("columns", "in_order", "side"),
     [

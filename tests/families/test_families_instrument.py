@@ -73,6 +73,7 @@ def test_the_index_of_the_elevation_moves_points_along_their_meridian() -> None:
         np.testing.assert_allclose(second[same], first[same], atol=1e-12)
 
 
+@pytest.mark.long
 def test_without_its_walk_the_instrument_stands_where_it_stood_on_average() -> None:
     states = table().states
     walks = [c for c in candidates(ARM, states) if c.family == "instrument_walk"]

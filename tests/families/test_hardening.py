@@ -6,6 +6,7 @@ import pytest
 import gpmodel as gp
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "joint"), [("irb6400r", "J2"), pytest.param("panda", "panda_joint2", marks=pytest.mark.long)]
 )

@@ -10,6 +10,7 @@ import gpmodel as gp
 from gpmodel.model.error_model import prepare
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize(
     ("effect", "column", "said"),
     [("joint_compliance J3", "", True), ("gear_harmonic J4", "", False), ("joint_compliance J3", "torque_J3", False)],

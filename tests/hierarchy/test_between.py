@@ -63,6 +63,7 @@ def judged(values: np.ndarray, variances: np.ndarray) -> Deviations:
     )
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("spread", [0.0, 0.5, 2.0, 20.0])
 def test_mean_and_spread_are_covered_as_often_as_they_say(spread: float) -> None:
     found = []
@@ -80,6 +81,7 @@ def test_mean_and_spread_are_covered_as_often_as_they_say(spread: float) -> None
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spread", some([0.0, 1.0, 10.0], 1.0))
 def test_an_innocent_fleet_has_outliers_no_more_often_than_stated(spread: float) -> None:
     false = sum(not judged(*drawn(seed, spread)).inside.all() for seed in range(FLEETS))
@@ -231,6 +233,7 @@ def test_machines_that_agree_pay_once_for_a_common_coefficient() -> None:
     assert pooled(machines, group).nats > pooled(turned, group).nats + 5.0
 
 
+@pytest.mark.long
 def test_a_cause_that_was_selected_too_early_is_exchanged() -> None:
     tasks = fleet(5, AGREEING)
     pool = named(tasks)
@@ -257,6 +260,7 @@ def test_the_pooled_gain_is_the_log_evidence_of_all_rows_together() -> None:
     assert gain == pytest.approx(0.5 * (q @ np.linalg.solve(evidence, prior @ q) - np.linalg.slogdet(evidence)[1]))
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("effects", "expected"),
     [

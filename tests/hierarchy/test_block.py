@@ -38,6 +38,7 @@ def test_the_spread_is_covered_as_often_as_it_says(spread: float) -> None:
     assert np.sqrt(np.mean([of.spread**2 for of in found])) == pytest.approx(spread, rel=0.2, abs=0.05)
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("differing", [1, EFFECTS])
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_innocent_machines_stand_out_no_more_often_than_stated(spread: float, differing: int) -> None:

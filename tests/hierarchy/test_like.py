@@ -38,6 +38,7 @@ def like(arms: Path, table: Dataset) -> DiscoveryResult:
     return gp.discover(arms / "arm.toml", table, like=arms, search=QUICK)
 
 
+@pytest.mark.long
 def test_ten_poses_of_a_brother_are_enough(arms: Path) -> None:
     table = further(arms, 210, GEAR)
     few, later = table.subset(np.arange(10)), table.subset(np.arange(10, 210))
@@ -86,6 +87,7 @@ def test_a_machine_that_is_no_brother_is_searched_without_the_prior(arms: Path) 
     assert [rung.step for rung in found.record.ladder] == ["registration", "standard"]
 
 
+@pytest.mark.long
 def test_a_machine_that_is_no_brother_is_calibrated_without_the_prior(arms: Path) -> None:
     table = further(arms, 240, GEAR, geometry=30.0 * GEOMETRY)
     few, later = table.subset(np.arange(12)), table.subset(np.arange(40, 240))
@@ -97,6 +99,7 @@ def test_a_machine_that_is_no_brother_is_calibrated_without_the_prior(arms: Path
     np.testing.assert_allclose(known.model.misses(later), alone.model.misses(later), rtol=0.2, atol=1e3 * NOISE)
 
 
+@pytest.mark.long
 def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     gp.simulate("ur5", poses=12).save(tmp_path / "other.csv")
     said = "--mechanism", "ur5", "--out", tmp_path / "out", "--like"

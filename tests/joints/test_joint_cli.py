@@ -260,6 +260,7 @@ def test_shares_follow_the_demands_in_proportion(tmp_path: Path) -> None:
         assert limit(twice, quantity) == pytest.approx(limit(joint_design(), quantity) / 2)
 
 
+@pytest.mark.long
 def test_air_behind_the_orifices_makes_the_joint_hammer(tmp_path: Path) -> None:
     """Without air 62 % of a vibration remain a cycle later; three pockets of 10.6 mm^3 sustain it."""
     assert "hammers with 10.6 mm^3 of air behind each orifice, and has 0" in design_study().tables[-1].note

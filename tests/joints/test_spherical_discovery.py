@@ -38,6 +38,7 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case", [pytest.param(c, id=c.name, marks=() if c.name in QUICK else pytest.mark.slow) for c in UNDECLARED]
 )

@@ -97,6 +97,7 @@ def test_the_stated_deviation_of_the_pitch_offset_is_its_scatter() -> None:
     assert np.mean([f.stderr[1] for f in fits]) == pytest.approx(scatter, rel=0.3)
 
 
+@pytest.mark.long
 def test_calibrated_rig_predicts_new_poses_at_the_noise() -> None:
     rng = np.random.default_rng(5)
     poses = prepare(JOINT, PUBLISHED.measure(PUBLISHED.poses(60, rng), rng))

@@ -257,6 +257,7 @@ def test_pixels_beside_bars_weigh_by_their_own_noise() -> None:
     assert 0.6 < fit.weights["pixel"] / fit.weights["pair"] / (0.03e-3 / 0.1) < 1.6
 
 
+@pytest.mark.long
 def test_exchanged_coordinates_of_an_image_are_named() -> None:
     made = simulated("camera", 40)
     turned = {"u": made.table.readings["v"], "v": made.table.readings["u"]}
@@ -265,6 +266,7 @@ def test_exchanged_coordinates_of_an_image_are_named() -> None:
         gp.calibrate(ARM, with_observations(data, made.truth.mechanism, made.table.described))
 
 
+@pytest.mark.long
 def test_another_pitch_of_a_board_is_a_possible_cause_of_a_large_residual() -> None:
     made = simulated("camera", 40)
     known = made.table.described["board"]["board"]["B"]

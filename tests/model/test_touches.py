@@ -54,6 +54,7 @@ def test_planes_of_one_artefact_have_one_pose() -> None:
     assert left(*fitted(made, described(made, skewed))) > 1.5 * left(fit, poses)
 
 
+@pytest.mark.long
 def test_a_probe_of_known_diameter_moves_the_faces_out() -> None:
     made = simulated("planes", 90)
     plain, probed = described(made, CORNER), described(made, {"probe_diameter_mm": 10.0, **CORNER})

@@ -131,6 +131,7 @@ def test_a_tolerance_is_passed_or_failed_by_what_is_predicted(beyond: float | No
     assert len(found.errors) == len(pair)
 
 
+@pytest.mark.long
 def test_a_certificate_of_another_model_does_not_stay_in_the_folder(tmp_path: Path) -> None:
     tables = [gp.simulate("irb6400r", poses=30, noise="0.02mm", geometry_sigma="0.3mm", seed=k).table for k in (4, 5)]
     first, other = (gp.calibrate("irb6400r", table) for table in tables)

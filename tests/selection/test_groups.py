@@ -201,6 +201,7 @@ def test_an_exact_table_gets_nothing_for_its_rounding() -> None:
     assert chosen(truth).kept == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("jitter", [0.0, pytest.param(5e-5, marks=pytest.mark.long)])
 def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     rng = np.random.default_rng(3)

@@ -72,6 +72,7 @@ def test_a_useless_proposal_changes_nothing() -> None:
     assert abs(after.active.objective - before.active.objective) < 0.5
 
 
+@pytest.mark.long
 def test_the_gains_by_chance_are_the_same_each_time_and_far_below_a_true_gain() -> None:
     before = without_proposals()
     name = before.kept[0].group.name

@@ -18,6 +18,7 @@ def test_residuals_with_random_signs_are_as_large_as_the_noise() -> None:
     assert np.mean((trials - explained) ** 2) == pytest.approx(active.sigma2, rel=0.1)
 
 
+@pytest.mark.long
 def test_of_bars_the_random_residuals_are_as_large_as_the_noise_that_their_places_leave() -> None:
     """Five of the six numbers of a bar place it, what is left of a bar another does not; a tool is common to all."""
     active, poses, _ = bars()

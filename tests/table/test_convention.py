@@ -150,6 +150,7 @@ def test_targets_become_a_program_of_the_controller(folder: Path, tmp_path: Path
     assert 0.01 < np.abs(changed - TARGETS).max() < 1.0
 
 
+@pytest.mark.long
 def test_proposed_poses_are_given_in_both_conventions_and_read_back(folder: Path, tmp_path: Path) -> None:
     chosen = gp.choose_poses(after=folder / "model.json", count=3, criterion="spread", collisions=False)
     table = chosen.to_dataframe()
