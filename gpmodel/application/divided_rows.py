@@ -27,11 +27,12 @@ from gpmodel.application.possible_changes import (
     student,
     with_shares,
 )
-from gpmodel.application.recheck import Recheck, recheck, settled
+from gpmodel.application.recheck import Recheck, recheck, refitted
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.formula.expression import Basis, Columns
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Term, effect_at
+from gpmodel.numerics import rank
 
 MOST_STEPS = 50
 """Largest number of steps of one division. A division of 400 rows converges in less than ten."""
@@ -83,58 +84,68 @@ def divided(near: Recheck, known: Sequence[PossibleChange] = ()) -> Division | N
     near: residuals of the session. known: changes of the machine that all rows have.
     """
     every = np.ones(len(near.session.use), dtype=bool)
-    whole = recheck(replace(near.session, use=every))
     if len(every) < 2 * len(AXES):
         return None
-    offered = [*constants(whole), _registration(whole)]
-    session, columns = with_changes(whole.session, whole.problem, known)
+    whole = _WithConstants.of(near if near.session.use.all() else recheck(replace(near.session, use=every)))
+    found = whole.found
+    session, columns = with_changes(found.session, found.problem, known)
     problem = session.problem
-    fixed = np.hstack([problem.columns[:, session.anew(problem)], problem.columns @ columns])
-    sigma = whole.spread.sigma * np.sqrt(1.0 + np.mean(np.sum((whole.spread.u * whole.spread.s) ** 2, axis=1)))
-    left, pose, best, found = problem.residual / sigma, problem.pose_of_row, -np.inf, None
-    for change in offered:
-        rows = _Rows.of(np.hstack([fixed, change.columns]), change.columns, left, pose)
-        nats, second = rows.best(whole.freedom)
+    fixed = rank.orthonormal(np.hstack([problem.columns[:, session.anew(problem)], problem.columns @ columns]))
+    sigma = found.spread.sigma * np.sqrt(1.0 + np.mean(np.sum((found.spread.u * found.spread.s) ** 2, axis=1)))
+    left, pose, best, own = problem.residual / sigma, problem.pose_of_row, -np.inf, None
+    for change in whole.constants:
+        rows = _Rows.of(fixed, change.columns, left, pose)
+        nats, second = rows.best(found.freedom)
         nats -= 0.5 * rows.size * np.log(rows.count)
-        nats += np.log(SHARES[change.kind] / sum(other.kind == change.kind for other in offered))
+        nats += np.log(SHARES[change.kind] / sum(other.kind == change.kind for other in whole.constants))
         if nats > best:
-            best, found = nats, (change, rows, second)
-    if found is None:
+            best, own = nats, (change, rows, second)
+    if own is None:
         return None
-    own, rows, second = found
-    judged, changes = _judgeable(near, [*known, own, _in_rows(own, whole, second)], second)
+    constant, rows, second = own
+    judged, changes = _judgeable(near, whole, [*known, constant, _in_rows(constant, found, second)], second)
     return Division(judged, changes, rows.scattered(second)) if changes else None
 
 
+@dataclass(frozen=True)
+class _WithConstants:
+    """Residuals, and the changes of one constant that could have two values."""
+
+    found: Recheck
+    constants: tuple[PossibleChange, ...]
+
+    @classmethod
+    def of(cls, found: Recheck) -> "_WithConstants":
+        """Return residuals with the changes of all constants."""
+        effects = tuple(effect_at(f"set-up {axis}", STANDING, axis) for axis in AXES)
+        set_up = PossibleChange("set-up", SET_UP, "m", found.rows_of(effects), effects=effects)
+        return cls(found, (*constants(found), set_up))
+
+
 def _judgeable(
-    near: Recheck, changes: Sequence[PossibleChange], second: Mask
+    near: Recheck, whole: _WithConstants, changes: Sequence[PossibleChange], second: Mask
 ) -> tuple[Recheck, tuple[PossibleChange, ...]]:
     """Exclude the outliers of the model with the changes and two values, and offer two values of every constant that
     the rows of either value determine without any one of them.
 
-    The model has the value of either part of the rows. If the registration absorbs a constant of all rows, the value of
-    the smaller part differs.
+    whole: residuals of all rows. The model has the value of either part of the rows. If the registration absorbs a
+    constant of all rows, the later value differs, or that of the smaller part.
     """
     session = with_changes(near.session, near.problem, changes)[0]
-    names = frozenset(effect.name for change in changes for effect in change.effects)
-    start = session.saved.placement if session.tool else None
-    use = settled(session.saved, session.poses.dataset, start, names).use
-    own = near if (use == near.session.use).all() else recheck(replace(near.session, use=use))
-    second = second if _in_sequence(second) or 2 * second.sum() <= len(second) else ~second
+    use = refitted(session, frozenset(effect.name for change in changes for effect in change.effects)).use
+    if (use != whole.found.session.use).any():
+        same = (use == near.session.use).all()
+        whole = _WithConstants.of(near if same else recheck(replace(near.session, use=use)))
+    own = whole.found
+    second = second if (second[-1] if _in_sequence(second) else 2 * second.sum() <= len(second)) else ~second
     counts = np.bincount(own.problem.pose_of_row, minlength=len(use))
     most = min(int(counts[part].sum() - counts[part].max()) for part in (second, ~second))
-    offered = [change for change in (*constants(own), _registration(own)) if change.columns.shape[1] <= most]
+    offered = [change for change in whole.constants if change.columns.shape[1] <= most]
     either = {change.name for change in with_shares(own, offered)} if offered else set[str]()
     raw = [_in_rows(change, own, second) for change in offered]
     raw += [_in_rows(change, own, ~second) for change in offered if change.name in either]
-    return own, tuple(replace(c, division=_price(second)) for c in with_shares(own, raw)) if raw else ()
-
-
-def _registration(found: Recheck) -> PossibleChange:
-    """Return a motion of the instrument or of the machine's stand, along and about all axes."""
-    effects = tuple(effect_at(f"set-up {axis}", STANDING, axis) for axis in AXES)
-    columns = found.rows_of(effects)
-    return PossibleChange("set-up", SET_UP, "m", columns, effects=effects)
+    price = float(_price(second))
+    return own, tuple(replace(c, division=price) for c in with_shares(own, raw)) if raw else ()
 
 
 def _in_rows(change: PossibleChange, found: Recheck, second: Mask) -> PossibleChange:
@@ -144,7 +155,7 @@ def _in_rows(change: PossibleChange, found: Recheck, second: Mask) -> PossibleCh
         replace(e, name=f"{e.name} in {len(rows)} rows", terms=tuple(_term_in_rows(t, rows) for t in e.terms))
         for e in change.effects
     )
-    columns = found.rows_of(effects)
+    columns = np.where(second[found.problem.pose_of_row, None], change.columns, 0.0)
     return replace(change, name=_title(change.name, found, second), columns=columns, effects=effects, rows=rows)
 
 
@@ -161,42 +172,49 @@ def _title(name: str, found: Recheck, second: Mask) -> str:
     return f"{name} after row {last}" if second[-1] else f"{name} up to row {last}"
 
 
-def _price(second: Mask) -> float:
-    """Return the logarithm of the number of possible divisions of the rows, nats."""
-    return float(np.log(2.0 * len(second)) if _in_sequence(second) else len(second) * np.log(2.0))
+def _price(second: Mask) -> Array:
+    """Return the logarithm of the number of possible divisions of the rows, nats, for divisions (..., rows)."""
+    count = second.shape[-1]
+    return np.asarray(np.where(_in_sequence(second), np.log(2.0 * count), count * np.log(2.0)))
 
 
-def _in_sequence(second: Mask) -> bool:
-    return bool(np.count_nonzero(np.diff(second)) == 1)
+def _in_sequence(second: Mask) -> Mask:
+    return np.asarray(np.count_nonzero(np.diff(second), axis=-1) == 1)
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Normal equations of each pose. inner: AᵀA of the columns A = [fixed, constant, residual], (poses, m, m).
+    """Products of the columns of one constant in each pose.
 
-    The residual is in units of its standard deviation if the model holds. size: number of parameters of the constant.
-    count: number of measurements.
+    With F_n the rows of pose n of an orthonormal basis of all columns but b, C_n those of the constant, and r_n the
+    residual of the fit with one value: inner = C_nᵀ [F_n, C_n, r_n], (poses, size, columns). The residual is in units
+    of its standard deviation if the model holds. squares: rᵀ r. size: number of parameters of the constant. count:
+    number of measurements.
     """
 
     inner: Array
+    squares: float
     size: int
     count: int
 
     @classmethod
     def of(cls, fixed: Array, constant: Array, residual: Array, pose: IntArray) -> "_Rows":
-        """Return the normal equations of columns (rows, ...) that are scaled to unit length."""
-        columns = np.hstack([fixed, constant])
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-        columns = np.column_stack([columns, residual])
+        """Return the products of a constant. fixed: orthonormal basis of the other columns."""
+        constant = constant / np.maximum(np.linalg.norm(constant, axis=0), np.finfo(float).tiny)
+        basis = np.hstack([fixed, rank.orthonormal(rank.remove(fixed, constant))])
+        left = rank.remove(basis, residual)
+        columns = np.column_stack([basis, constant, left])
         starts, counts = np.unique(pose, return_index=True, return_counts=True)[1:]
         padded = np.zeros((int(pose.max()) + 1, int(counts.max()), columns.shape[1]))
         padded[pose, np.arange(len(pose)) - np.repeat(starts, counts)] = columns
-        return cls(np.swapaxes(padded, 1, 2) @ padded, constant.shape[1], len(residual))
+        size = constant.shape[1]
+        inner = np.swapaxes(padded[:, :, -1 - size : -1], 1, 2) @ padded
+        return cls(inner, float(left @ left), size, len(left))
 
     @property
     def own(self) -> slice:
         """Columns of the constant."""
-        return slice(self.inner.shape[1] - 1 - self.size, self.inner.shape[1] - 1)
+        return slice(-1 - self.size, -1)
 
     @property
     def fewest(self) -> int:
@@ -205,23 +223,23 @@ class _Rows:
 
     def fitted(self, second: Mask) -> tuple[Array, Mask, Array]:
         """Return for each division (divisions, poses) the sum of squares, the division by the better value, and the
-        difference of the values."""
-        m, n, own = self.inner.shape[1] - 1, len(self.inner), self.own
-        first, whole = slice(0, m - self.size), self.inner.sum(axis=0)
-        part = (second.reshape(-1, n).astype(float) @ self.inner.reshape(n, -1)).reshape(-1, m + 1, m + 1)
-        normal = np.empty((len(part), m, m))
-        normal[:, first, first] = whole[first, first]
-        normal[:, first, own] = part[:, first, own]
-        normal[:, own, first] = part[:, own, first]
-        normal[:, own, own] = part[:, own, own]
-        right = np.concatenate([np.broadcast_to(whole[first, m], (len(part), m - self.size)), part[:, own, m]], axis=1)
-        values = (np.linalg.pinv(normal, rcond=1e-11, hermitian=True) @ right[:, :, None])[:, :, 0]
-        total = whole[m, m] - np.sum(right * values, axis=1)
-        both = np.concatenate([-values, np.ones((len(part), 1))], axis=1)
-        with_value = np.einsum("si,nij,sj->sn", both, self.inner, both, optimize=True)
-        both[:, own] = 0.0
-        without = np.einsum("si,nij,sj->sn", both, self.inner, both, optimize=True)
-        return total, np.asarray(with_value < without), values[:, own]
+        difference of the values.
+
+        With P = Σ C_nᵀ F_n and S = Σ C_nᵀ C_n - P Pᵀ over the second rows, the difference of the values is
+        b = S⁺ Σ C_nᵀ r_n.
+        """
+        every = self.inner.reshape(len(self.inner), -1)
+        part = (second.astype(float) @ every).reshape(-1, *self.inner.shape[1:])
+        fixed, right = part[:, :, : -1 - self.size], part[:, :, -1]
+        normal = part[:, :, self.own] - fixed @ np.swapaxes(fixed, 1, 2)
+        eigenvalues, vectors = np.linalg.eigh(normal)
+        inverse = np.divide(1.0, eigenvalues, out=np.zeros_like(eigenvalues), where=eigenvalues > 1e-11)
+        turned = np.einsum("sji,sj->si", vectors, right)
+        values = np.einsum("sij,sj->si", vectors, inverse * turned)
+        absorbed = np.einsum("sij,si->sj", fixed, values)
+        weights = np.concatenate([-2.0 * absorbed, values, np.full((len(part), 1), -2.0)], axis=1)
+        more = (values[:, :, None] * weights[:, None, :]).reshape(len(part), -1) @ every.T
+        return self.squares - np.sum(inverse * turned**2, axis=1), np.asarray(more < 0.0), values
 
     def best(self, freedom: float) -> tuple[float, Mask]:
         """Return the largest log likelihood of a division less its price, nats, and the division.
@@ -235,7 +253,7 @@ class _Rows:
         tried = np.concatenate([np.arange(n) >= places[:, None], self._alternated(self._starts(places))])
         nats = student(np.maximum(self.fitted(tried)[0], 0.0), self.count, freedom)
         few = np.minimum(tried.sum(axis=1), n - tried.sum(axis=1)) < self.fewest
-        nats = np.where(few, -np.inf, nats - [_price(one) for one in tried])
+        nats = np.where(few, -np.inf, nats - _price(tried))
         at = int(np.argmax(nats))
         return float(nats[at]), tried[at]
 
@@ -245,25 +263,18 @@ class _Rows:
         With the standard deviation τ along the difference, and with h and g the residual's product with the difference
         and the difference's square in a row, the log likelihood gains Σ (τ² h² / (1 + τ² g) - ln(1 + τ² g)) / 2.
         """
-        values = self._common()
         total, _, difference = self.fitted(second[None])
-        both = 0.5 * float(values @ self.inner.sum(axis=0) @ values - total[0]) - _price(second)
-        along = self.inner[:, self.own] @ values @ difference[0]
-        square = np.einsum("i,nij,j->n", difference[0], self.inner[:, self.own, self.own], difference[0])
+        both = 0.5 * (self.squares - float(total[0])) - float(_price(second))
+        along = self.inner[:, :, -1] @ difference[0]
+        square = np.einsum("i,nij,j->n", difference[0], self.inner[:, :, self.own], difference[0])
         more = 1.0 + SCATTERS[:, None] ** 2 * square
         each = 0.5 * np.sum(SCATTERS[:, None] ** 2 * along**2 / more - np.log(more), axis=1)
         return bool(each.max() > both)
 
-    def _common(self) -> Array:
-        """Return the weights of the columns in the residual of a fit with one value of the constant."""
-        m, whole = self.inner.shape[1] - 1, self.inner.sum(axis=0)
-        return np.append(-np.linalg.pinv(whole[:m, :m], rcond=1e-11, hermitian=True) @ whole[:m, m], 1.0)
-
     def _starts(self, places: IntArray) -> Mask:
         """Return initial divisions: the best of those by each principal axis of the poses' own values."""
-        pull = self.inner[:, self.own] @ self._common()
-        lever = np.sqrt(np.trace(self.inner[:, self.own, self.own], axis1=1, axis2=2))
-        pull = pull / np.maximum(lever, np.finfo(float).tiny)[:, None]
+        lever = np.sqrt(np.trace(self.inner[:, :, self.own], axis1=1, axis2=2))
+        pull = self.inner[:, :, -1] / np.maximum(lever, np.finfo(float).tiny)[:, None]
         starts = []
         for axis in np.linalg.svd(pull - np.median(pull, axis=0), full_matrices=False)[2]:
             order = np.argsort(np.argsort(pull @ axis))

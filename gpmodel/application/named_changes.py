@@ -11,13 +11,13 @@ from gpmodel.application.possible_changes import (
     SHARES,
     Kind,
     PossibleChange,
-    chance_by_noise,
     log_likelihood,
     wander,
     zero_of,
 )
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
-from gpmodel.arrays import Array, IntArray, NotNegative, Share
+from gpmodel.application.stacked_changes import Compared, Stack
+from gpmodel.arrays import Array, IntArray, Mask, NotNegative, Share
 from gpmodel.numerics.interval import COVERAGE
 
 SIGNIFICANCE = 0.005
@@ -69,7 +69,7 @@ class Visible:
 
 
 def changes(
-    found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
+    found: Recheck, tried: Stack, significance: float = SIGNIFICANCE
 ) -> tuple[float, tuple[NamedChange, ...], Recheck]:
     """Return the log posterior probability of the significant changes of a machine, nats, the changes, and the residual
     without all of them.
@@ -77,15 +77,15 @@ def changes(
     A displaced frame includes smaller changes, as of a joint zero or the tool. If a displaced frame is selected, the
     changes are selected again without frames, and the more probable of both results is returned.
     """
-    result, frames = _selected(found, tried, significance), {change.name for change in tried if change.of_a_frame}
+    every = np.ones(len(tried.changes), dtype=bool)
+    result, frames = _selected(found, tried, every, significance), {c.name for c in tried.changes if c.of_a_frame}
     if frames.isdisjoint(change.name for change in result[1]):
         return result
-    single = [change for change in tried if change.name not in frames]
-    return max(result, _selected(found, single, significance), key=lambda one: one[0])
+    return max(result, _selected(found, tried, ~tried.frames, significance), key=lambda one: one[0])
 
 
 def _selected(
-    found: Recheck, tried: Sequence[PossibleChange], significance: float
+    found: Recheck, tried: Stack, offered: Mask, significance: float
 ) -> tuple[float, tuple[NamedChange, ...], Recheck]:
     """Select the significant changes of a machine, the most probable first, each given earlier changes; return the log
     posterior probability of all of them, nats, the changes with the sizes of a common fit, and the residual without
@@ -98,31 +98,32 @@ def _selected(
     change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
     change that the slow drift explains as well counts as set-up. At most one frame is displaced, as by a crash.
     """
-    out, taken, tried = list[NamedChange](), list[PossibleChange](), list(tried)
-    left, kinds = found, list(SHARES)
-    while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
-        here = [h.beside(left) for h in tried]
-        scores = [h.explained(left.z) for h in here]
-        chances = [h.corrected(chance_by_noise(found, *score)) for h, score in zip(here, scores, strict=True)]
-        shares, credible = _posterior(here, left)
-        able = [k for k in np.argsort(-shares).tolist() if chances[k] < significance]
-        best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
+    out, taken, kinds = list[NamedChange](), list[PossibleChange](), list(SHARES)
+    compared = Compared.to(found, tried)
+    while offered.any() and len(out) < MOST and compared.left.degrees >= LEAST_FREEDOM:
+        left, scores = compared.left, compared.explained
+        chances, (shares, credible) = compared.chances(found), _posterior(compared, offered)
+        order = [k for k in np.argsort(-shares).tolist() if offered[k]]
+        able = [k for k in order if chances[k] < significance]
+        best = next((k for k in able if not compared.change(k).fits_an_outlier(left)), None)
         if best is None:
             break
-        part = here[best].part_of(left.z)
-        alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
-        alike.sort(key=lambda k: (bool(here[k].rows), kinds.index(here[k].kind), -shares[k]))
-        best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
-        chosen, rivals = here[best], [k for k in np.argsort(-shares) if k != best and k in {*alike, *credible}]
-        named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
-        size = chosen.fitted(left.z)
-        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named, chosen.rows))
-        left = left.without(_explained_columns(chosen, left))
-        taken.append(tried[best])
+        part = compared.of(compared.change(best).part_of(left.z))
+        alike = np.flatnonzero(offered & (part > scores[best] - AS_LIKELY)).tolist()
+        less = np.round(-shares, 9).tolist()
+        alike.sort(key=lambda k: (bool(tried.changes[k].rows), kinds.index(tried.changes[k].kind), less[k]))
+        best = next(k for k in alike if k in able and not compared.change(k).fits_an_outlier(left))
+        chosen, likely = compared.change(best), {*alike, *credible.tolist()} - {best}
+        rivals = [k for k in order if k in likely]
+        named = tuple(tried.changes[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
+        size, chance = chosen.fitted(left.z), float(chances[best])
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chance, *named, chosen.rows))
+        compared = compared.given(left.without(_explained_columns(chosen, left)))
+        taken.append(tried.changes[best])
         if chosen.of_a_frame:
-            tried = [change for change in tried if not change.of_a_frame]
-    left = _without_chance_changes(found, out, taken, left, significance)
-    nats = log_likelihood(found, found.chi_square - left.chi_square)
+            offered = offered & ~tried.frames
+    left = _without_chance_changes(found, out, taken, compared.left, significance)
+    nats = float(log_likelihood(found, np.array(found.chi_square - left.chi_square)))
     nats += sum(c.log_share - 0.5 * c.columns.shape[1] * float(np.log(found.degrees)) for c in taken)
     return nats, tuple(_resized(found, out, taken)), left
 
@@ -167,15 +168,18 @@ def _resized(found: Recheck, named: Sequence[NamedChange], chosen: Sequence[Poss
         yield replace(change, value=value, stderr=stderr)
 
 
-def suspected(found: Recheck, tried: Sequence[PossibleChange]) -> PossibleChange | None:
-    """Return the most probable change if a single change is more probable than none; prior probability one half."""
-    nats = np.array([change.evidence(found) for change in tried]) - log_likelihood(found)
-    return tried[int(np.argmax(nats))] if tried and np.logaddexp.reduce(nats) > 0.0 else None
+def suspected(found: Recheck, tried: Stack) -> PossibleChange | None:
+    """Return the most probable change of all rows if a single change is more probable than none; prior probability one
+    half."""
+    nats = Compared.to(found, tried).evidence - log_likelihood(found, np.zeros(1))
+    nats[[bool(change.rows) for change in tried.changes]] = -np.inf
+    return tried.changes[int(np.argmax(nats))] if np.logaddexp.reduce(nats) > 0.0 else None
 
 
-def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, IntArray]:
-    """Return the posterior probability of each change as the only one, and the indices of the 95 % credible set."""
-    nats = np.array([change.evidence(left) for change in tried])
+def _posterior(compared: Compared, offered: Mask) -> tuple[Array, IntArray]:
+    """Return the posterior probability of each offered change as the only one, and the indices of the 95 % credible
+    set."""
+    nats = np.where(offered, compared.evidence, -np.inf)
     shares = np.exp(nats - nats.max())
     shares /= shares.sum()
     order = np.argsort(-shares)

@@ -1,6 +1,5 @@
 """Possible changes of a machine since its model was fitted."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +10,7 @@ import numpy as np
 
 from gpmodel.application.recheck import Recheck, kept_by
 from gpmodel.application.uncatalogued import BREAK, uncatalogued
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
@@ -26,7 +25,7 @@ from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
-from gpmodel.numerics.interval import chance_of_ratio
+from gpmodel.numerics.interval import chance_of_ratio, chances_of_ratio
 
 Kind = Literal["growth", "zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SET_UP: Kind = "set-up"
@@ -82,8 +81,8 @@ class PossibleChange:
         return float(np.log(self.share)) - self.division
 
     def corrected(self, chance: float) -> float:
-        """Return the probability of a change, `chance`, over its share of the significance level; at most e^100."""
-        return float(np.exp(min(np.log(chance) - self.log_share, 100.0))) if chance > 0.0 else 0.0
+        """Return the p-value of the change over its share of the significance level; see `corrected`."""
+        return float(corrected(np.array(chance), np.array(self.log_share)))
 
     @property
     def of_a_frame(self) -> bool:
@@ -98,20 +97,6 @@ class PossibleChange:
         u, s, v = np.linalg.svd(self.columns, full_matrices=False)
         kept = s > 1e-9 * max(s[0], np.finfo(float).tiny)
         return u[:, kept], s[kept], v[kept]
-
-    def explained(self, z: Array) -> tuple[float, int]:
-        """Return the part of the residual's chi-square |z|² that the change explains, and the change's number of
-        parameters."""
-        part = self._parts[0].T @ z
-        return float(part @ part), len(part)
-
-    def evidence(self, left: Recheck) -> float:
-        """Return the log posterior probability of the change as the only change, nats, up to a constant.
-
-        The likelihood is Student's t, since σ is an estimate; p parameters at n rows cost p/2 ln n (Schwarz 1978).
-        """
-        explained, numbers = self.explained(left.z)
-        return log_likelihood(left, explained) + self.log_share - 0.5 * numbers * float(np.log(left.degrees))
 
     def chance_beside(self, left: Recheck, z: Array) -> float:
         """Return the probability that noise like the residual `left` makes the change as large as fitted to z.
@@ -144,7 +129,9 @@ class PossibleChange:
             return False
         its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
         others = left.without(rank.remove(left.basis, its_rows.astype(float)))
-        return self.corrected(chance_by_noise(others, *self.beside(others).explained(others.z))) > limits.confirmation
+        u = self.beside(others)._parts[0]
+        part, numbers = u.T @ others.z, np.array(u.shape[1])
+        return self.corrected(float(chance_by_noise(others, part @ part, numbers))) > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
         """Return size and standard error of the change; size: length of the vector of its parameters in `unit`."""
@@ -181,11 +168,17 @@ def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
 def with_shares(found: Recheck, raw: Sequence[PossibleChange]) -> tuple[PossibleChange, ...]:
     """Whiten the columns of possible changes, and give each its share; changes that the poses cannot reveal are
     omitted."""
-    all_of = list(_seen(found, raw))
-    sums = Counter[Kind]()
-    for m in all_of:
-        sums[m.kind] += np.exp(-m.price)
-    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price) / sums[m.kind])) for m in all_of)
+    ends = np.cumsum([change.columns.shape[1] for change in raw])
+    whole = found.spread.whiten(found.blocks.means(np.hstack([change.columns for change in raw])))
+    columns = rank.remove(found.basis, whole)
+    starts = np.append(0, ends[:-1])
+    alone, left = (np.sqrt(np.add.reduceat(np.einsum("ij,ij->j", v, v), starts)) for v in (whole, columns))
+    kept = np.flatnonzero((left > LEAST * alone) & np.isfinite(left)).tolist()
+    likely, sums = [float(np.exp(-change.price)) for change in raw], dict.fromkeys(SHARES, 0.0)
+    for k in kept:
+        sums[raw[k].kind] += likely[k]
+    shares = {k: SHARES[raw[k].kind] * likely[k] / sums[raw[k].kind] for k in kept}
+    return tuple(replace(raw[k], columns=columns[:, starts[k] : ends[k]], share=shares[k]) for k in kept)
 
 
 def constants(found: Recheck) -> Iterator[PossibleChange]:
@@ -305,7 +298,7 @@ def _causes(found: Recheck) -> Iterator[PossibleChange]:
     offered = [
         (kind, c)
         for c in chain(catalogue.candidates(model.mechanism, poses.states), uncatalogued(model.mechanism, poses.states))
-        if (kind := _kind_of(c, {ROW, clock})) and not own & {e.name for e in c.effects}
+        if (kind := _kind_of(c, {ROW, clock})) and own.isdisjoint(e.name for e in c.effects)
     ]  # fmt: skip
     if not offered:
         return
@@ -320,7 +313,7 @@ def _causes(found: Recheck) -> Iterator[PossibleChange]:
 
 def _kind_of(candidate: Candidate, clocks: set[str | None]) -> Kind | None:
     """Return the kind of change that a catalogue candidate is; None for a candidate that sums functions."""
-    if candidate.kind not in ("single", "harmonic") and candidate.family not in (SLIP, BREAK):
+    if candidate.family not in (SLIP, BREAK) and candidate.kind not in ("single", "harmonic"):
         return None
     effects = candidate.effects
     aside = all(e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= clocks) for e in effects)
@@ -338,20 +331,9 @@ def wander(found: Recheck) -> Array:
     return found.whitened(found.rows_of(effects))
 
 
-def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleChange]:
-    """Yield the possible changes with whitened columns, without changes that the later poses cannot reveal."""
-    ends = np.cumsum([change.columns.shape[1] for change in raw])[:-1]
-    whole = found.spread.whiten(found.blocks.means(np.hstack([change.columns for change in raw])))
-    parts = (np.split(columns, ends, axis=1) for columns in (whole, rank.remove(found.basis, whole)))
-    for change, alone, columns in zip(raw, *parts, strict=True):
-        left = np.linalg.norm(columns)
-        if left > LEAST * np.linalg.norm(alone) and np.isfinite(left):
-            yield replace(change, columns=columns)
-
-
-def log_likelihood(left: Recheck, explained: float = 0.0) -> float:
-    """Return the log likelihood, nats, of a residual if a part of its chi-square is explained."""
-    return float(student(np.array(max(left.chi_square - explained, 0.0)), left.degrees, left.freedom))
+def log_likelihood(left: Recheck, explained: Array) -> Array:
+    """Return the log likelihood, nats, of a residual if parts of its chi-square are explained."""
+    return student(np.maximum(left.chi_square - explained, 0.0), left.degrees, left.freedom)
 
 
 def student(chi_square: Array, degrees: int, freedom: float) -> Array:
@@ -360,7 +342,14 @@ def student(chi_square: Array, degrees: int, freedom: float) -> Array:
     return -0.5 * np.asarray(rest, dtype=float)
 
 
-def chance_by_noise(found: Recheck, score: float, numbers: int) -> float:
-    """Return the probability that `numbers` fitted parameters explain at least `score` of the chi-square of noise
+def chance_by_noise(found: Recheck, scores: Array, numbers: IntArray) -> Array:
+    """Return the probabilities that `numbers` fitted parameters explain at least `scores` of the chi-square of noise
     alone."""
-    return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0
+    fitted = np.maximum(numbers, 1)
+    return np.where(numbers > 0, chances_of_ratio(scores / fitted, fitted, found.freedom), 1.0)
+
+
+def corrected(chances: Array, log_shares: Array) -> Array:
+    """Return p-values over the shares of the significance level (log_shares, nats); at most e^100."""
+    with np.errstate(divide="ignore"):
+        return np.exp(np.minimum(np.log(chances) - log_shares, 100.0))

@@ -40,6 +40,9 @@ from gpmodel.table.dataset import Dataset
 
 PASSES = 8
 """Largest number of Gauss-Newton steps for a later registration; steps exclude outliers; three steps suffice."""
+LEAST_STEP = 1e-12
+"""Largest motion of a predicted point, m, in the last Gauss-Newton step. Steps converge quadratically, so that the next
+step would be below rounding error; a limit of 1e-8 m would do."""
 
 
 @dataclass(frozen=True)
@@ -109,29 +112,35 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
     ]
 
 
-def settled(
-    saved: SavedModel, dataset: Dataset, start: Placement | None = None, effects: frozenset[str] = frozenset()
-) -> Session:
+def settled(saved: SavedModel, dataset: Dataset) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
-    saved: model of effects that apply later. start: initial registration and tool point, if the tool is also
-    fitted; None to keep the model's tool point. effects: names of the effects that are fitted too.
-    Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
+    saved: model of effects that apply later. Raises InputError as `matched_with_readings`, for an unknown tool, and for
+    fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
     dataset = matched_with_readings(saved, dataset)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
-    placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
-    everything = np.ones(len(dataset), dtype=bool)
-    session = Session(placed, poses, everything, fitted, start is not None)
+    return refitted(Session(_placed(saved, dataset), poses, np.ones(len(dataset), dtype=bool), fitted))
+
+
+def refitted(session: Session, effects: frozenset[str] = frozenset()) -> Session:
+    """Fit the parameters of a later session, at first to all poses, by Gauss-Newton steps that exclude outliers.
+
+    effects: names of the effects that are fitted too.
+    """
+    fitted = [effect.name in effects for effect in session.saved.model.effects]
+    session = replace(session, use=np.ones(len(session.use), dtype=bool))
     for _ in range(PASSES):
-        problem = session.problem
+        problem, before = session.problem, session.use
         free, step = session.anew(problem), np.zeros(problem.columns.shape[1])
-        free[problem.placement :] = [effect.name in effects for effect in saved.model.effects]
+        free[problem.placement :] = fitted
         step[free] = np.linalg.lstsq(problem.columns[:, free], problem.residual, rcond=1e-12)[0]
         session = session.moved(problem, step).without_outliers()
+        if (session.use == before).all() and np.abs(problem.columns @ step).max() < LEAST_STEP:
+            break
     return session
 
 

@@ -16,7 +16,8 @@ from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
-from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
+from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, refitted, settled
+from gpmodel.application.stacked_changes import Stack
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
@@ -120,7 +121,8 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
     placed = _near(found, alone.placement)
-    judged = _with_divided_rows(_Judged.of(placed, possible_changes(placed), significance), found, significance)
+    judged = _Judged.of(placed, Stack.of(possible_changes(placed), len(placed.z)), significance)
+    judged = _with_divided_rows(judged, found, significance)
     near, tried, named, left = judged.near, judged.tried, judged.named, judged.left
     moved = _moved_tools(saved, judged)
     session = found.session
@@ -143,10 +145,10 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         alone_turn=turn_error(nominal, session.poses.dataset),
         outside=out_of_range(session.saved, session.poses.states.seen_at(points)),
         changes=() if verdict == "another machine" else (*moved, *named),
-        visible=visible(near, tried, significance),
+        visible=visible(near, tried.changes, significance),
         instrument=instrument,
-        tried=tried,
-        suspect=suspected(near, [change for change in tried if not change.rows]),
+        tried=tried.changes,
+        suspect=suspected(near, tried),
         explained=left.chance >= significance,
         complete=judged.complete,
     )
@@ -161,14 +163,14 @@ class _Judged:
     """
 
     near: Recheck
-    tried: tuple[PossibleChange, ...]
+    tried: Stack
     named: tuple[NamedChange, ...]
     left: Recheck
     nothing_else: bool
     nats: float
 
     @classmethod
-    def of(cls, near: Recheck, tried: tuple[PossibleChange, ...], significance: float) -> "_Judged":
+    def of(cls, near: Recheck, tried: Stack, significance: float) -> "_Judged":
         """Select among the changes `tried` those that explain the residuals `near`."""
         nats, named, left = changes(near, tried, significance)
         excluded, rows = np.count_nonzero(~near.session.use), len(near.session.use)
@@ -180,7 +182,7 @@ class _Judged:
     def known(self) -> list[PossibleChange]:
         """Selected changes of all rows."""
         called = {change.name for change in self.named if not change.rows}
-        return [change for change in self.tried if change.name in called]
+        return [change for change in self.tried.changes if change.name in called]
 
     @property
     def complete(self) -> bool:
@@ -203,8 +205,8 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
         further, division = judged.known, divided(judged.near, known)
         if division is not None:
             same = division.found is judged.near
-            offered = judged.tried if same else possible_changes(division.found)
-            tried = _Judged.of(division.found, (*offered, *division.changes), significance)
+            offered = judged.tried if same else Stack.of(possible_changes(division.found), len(division.found.z))
+            tried = _Judged.of(division.found, offered.plus(division.changes), significance)
             better = tried.complete and tried.nats > judged.nats and not division.scattered
             if better and any(change.rows for change in tried.named):
                 return tried
@@ -247,7 +249,7 @@ def _near(found: Recheck, start: Placement) -> Recheck:
     far = root_mean_square(session.errors[session.use])
     if far < FAR:
         return found
-    again = recheck(settled(session.saved, session.poses.dataset, start))
+    again = recheck(refitted(replace(session, saved=replace(session.saved, placement=start), tool=True)))
     return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else found
 
 
@@ -274,7 +276,9 @@ class _Placed:
     def of(cls, judged: _Judged) -> "_Placed":
         """Fit registration, refitted tools and the selected changes by weighted least squares."""
         near, called = judged.near, {change.name for change in judged.named}
-        session, changed = with_changes(near.session, near.problem, [c for c in judged.tried if c.name in called])
+        session, changed = with_changes(
+            near.session, near.problem, [c for c in judged.tried.changes if c.name in called]
+        )
         problem = session.problem
         columns = np.hstack([problem.columns[:, session.anew(problem)], problem.columns @ changed])
         columns, residual = (near.spread.whiten(near.blocks.means(v)) for v in (columns, problem.residual))

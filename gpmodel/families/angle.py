@@ -155,12 +155,12 @@ def spectrum(count: int, corner: float) -> Array:
 
 def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
     """Return effects sin(k angle) and cos(k angle) at a site. deviations: prior σ for k = 1, 2, ..., rad or m."""
-    plain = [
-        (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
+    unit = axis_unit(site.terms[0][1])
+    return tuple(
+        site.effect(f"{name}, {f} {k}", wave(f, k, angle), unit, family, float(s))
         for k, s in enumerate(deviations, 1)
         for f in ("sin", "cos")
-    ]
-    return tuple(replace(e, unit=axis_unit(e.terms[0].axis), prior=s) for e, s in plain)
+    )
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

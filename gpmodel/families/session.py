@@ -97,9 +97,11 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
     for row in rows:
         last = (Constant("last row before it", "row", row, 1.0, whole=True),)
-        yield inside(NonlinearParameters(name, effects, last), family, 3.0 + np.log(len(rows)))
-        for effect in effects:
-            yield inside(NonlinearParameters(effect.name, (effect,), last), family, 3.0 + np.log(len(axes) * len(rows)))
+        moved = inside(NonlinearParameters(name, effects, last), family, 3.0 + np.log(len(rows)))
+        yield moved
+        for template, effect in zip(effects, moved.effects, strict=True):
+            inner = NonlinearParameters(template.name, (template,), last)
+            yield Candidate(effect.name, (effect,), family, 3.0 + np.log(len(axes) * len(rows)), inner=inner)
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -198,9 +198,9 @@ class Expression:
         """The program (graph of operators) of the expression's text, with equal subexpressions merged into one node."""
         return _parsed(self.text)
 
-    @cached_property
+    @property
     def inputs(self) -> tuple[str, ...]:
-        return tuple(str(node.value) for node in self.program.nodes if node.operator == "input")
+        return self.program.read
 
     @cached_property
     def length(self) -> int:

@@ -76,9 +76,14 @@ class Program:
         return found
 
     @cached_property
+    def read(self) -> tuple[str, ...]:
+        """Names of the inputs of the program, in the order of first use."""
+        return tuple(str(node.value) for node in self.nodes if node.operator == "input")
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs of the program, sorted."""
-        return tuple(sorted(str(node.value) for node in self.nodes if node.operator == "input"))
+        return tuple(sorted(self.read))
 
     @cached_property
     def constants(self) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ REGISTRATION, TOOL = "setup", "tool"
 
 def made_of(parts: object, kind: type) -> bool:
     """Return whether `parts` is a tuple whose elements all have the type `kind`."""
-    return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
+    return isinstance(parts, tuple) and not [part for part in parts if not isinstance(part, kind)]
 
 
 @dataclass(frozen=True)

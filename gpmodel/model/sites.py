@@ -1,5 +1,6 @@
 """Sites of error twists (the base, the drive and other axes of each joint, the tool), and geometric constants."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -115,9 +116,10 @@ class Site:
         """Name of the site: names of frame (slot) and axis."""
         return f"{self.slot} {self.axis}"
 
-    def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
-        """Return an error effect at the site with one coefficient in `unit`."""
-        return Effect(name, tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms), unit, family)
+    def effect(self, name: str, basis: Basis, unit: str, family: str = "", prior: float = math.inf) -> Effect:
+        """Return an error effect at the site with one coefficient in `unit`, and its prior standard deviation."""
+        terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms)
+        return Effect(name, terms, unit, family, prior)
 
 
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
 """Degrees of freedom of alternative Student's t error distributions. The last one represents a normal distribution."""
@@ -158,9 +158,14 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
     The mean square is over `numbers` normal deviates; the variance has `freedom` degrees of freedom. The ratio is F
     distributed. If `freedom` is infinite the variance is known, and the ratio is χ² over its degrees of freedom.
     """
+    return float(chances_of_ratio(np.array(ratio), np.array(numbers), freedom))
+
+
+def chances_of_ratio(ratios: Array, numbers: Array | IntArray, freedom: float) -> Array:
+    """Return `chance_of_ratio` of each ratio."""
     if np.isinf(freedom):
-        return float(special.chdtrc(numbers, ratio * numbers))
-    return float(special.fdtrc(numbers, freedom, ratio))
+        return np.asarray(special.chdtrc(numbers, ratios * numbers))
+    return np.asarray(special.fdtrc(numbers, freedom, ratios))
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
