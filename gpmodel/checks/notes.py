@@ -20,7 +20,7 @@ from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.blocks import different_poses
+from gpmodel.table.blocks import different_poses, repeats_drift
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import identifier, split_header
 
@@ -233,9 +233,14 @@ def notes(
     if cut.any():
         rows = ", ".join(map(str, data.row[cut][:8].tolist()))
         yield f"{int(cut.sum())} rows lack some of x, y, z: {rows}{' ...' if cut.sum() > 8 else ''}"
-    known = (
-        "no repeated poses: the noise floor is unknown" if floor is None else f"noise floor {1e3 * floor:.4f} mm RMS"
-    )
+    known = "no repeated poses: the noise floor is unknown"
+    if floor is not None:
+        known = f"noise floor {1e3 * floor:.4f} mm RMS"
+    if repeats_drift(data):
+        known = (
+            "repeats of a pose differ more the more rows are between them, as in a drift: the noise floor is unknown"
+        )
+        floor = None
     yield known
     if data.instrument is not None:
         stated = f"the instrument's specification, {data.instrument}, implies a noise of one coordinate of"
@@ -272,7 +277,7 @@ def _wanted(mechanism: Mechanism, data: Dataset, counts: tuple[int, int], floor:
     """Yield proposals for the next measurements. counts: numbers of measured values and of unknowns."""
     values, unknowns = counts
     if floor is None:
-        yield "a few poses three times each, spread over the session, for the noise floor"
+        yield "a few poses three times each in succession, spread over the session, for the noise floor"
     if values < ENOUGH_VALUES * unknowns:
         more = int(np.ceil((ENOUGH_VALUES * unknowns - values) / max(values / len(data), 1.0)))
         yield f"about {more} more pose{'s' * (more > 1)}"

@@ -25,7 +25,7 @@ from gpmodel.model.states import States
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_search import InstrumentRecord, Positioning, Range, Repeatability
-from gpmodel.table.blocks import different_poses, noise_floor, replicates
+from gpmodel.table.blocks import different_poses, noise_floor, repeats_drift, replicates
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import read_toml
 
@@ -102,18 +102,20 @@ def floor_mm(
 ) -> tuple[float | None, NoiseSource | None]:
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    Sources are tried in the order above. Repeats are compared after subtraction of predictions, because the
-    temperatures of repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured
-    components the RMS is σ √c. values: number of components left to the fit if solved joint values absorb the others.
+    Sources are tried in the order above. Repeats that drift are no source; without another, the source is "drift" and
+    the noise unknown. Repeats are compared after subtraction of predictions, because the temperatures of repeats may
+    differ. A stated noise is the standard deviation σ of one coordinate; with c measured components the RMS is σ √c.
+    values: number of components left to the fit if solved joint values absorb the others.
     """
     data = poses.dataset
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    repeats = noise_floor(dataclasses.replace(data, position=data.position - observed.tip[:, :3, 3]))
-    if repeats is not None:
+    left = dataclasses.replace(data, position=data.position - observed.tip[:, :3, 3])
+    repeats, drift = noise_floor(left), repeats_drift(left)
+    if repeats is not None and not drift:
         return 1e3 * repeats, "repeats"
     sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)
     if sigma is None:
-        return None, None
+        return None, "drift" if drift else None
     measured = sum(float(kind.readings.sum()) for kind in observations(data) if not isinstance(kind, Orientation))
     measured = measured if values is None else values
     return float(1e3 * sigma * np.sqrt(measured / len(data))), "specification" if noise is None else "instrument"

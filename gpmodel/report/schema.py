@@ -37,7 +37,7 @@ VISIBLE = 1e-3
 """Relative difference from which two RMS errors are both stated: the last printed digit."""
 MOST_REJECTED = 5
 """Largest number of rejected candidate effects in a report."""
-NoiseSource = Literal["repeats", "instrument", "specification"]
+NoiseSource = Literal["repeats", "instrument", "specification", "drift"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
 
@@ -191,7 +191,7 @@ class Report:
     """The content of the file report.json.
 
     kind: function that made the report: calibrate, discover or evolve. settings: settings of an evolution.
-    noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
+    noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source; drift: unknown, since repeats drift.
     stopped: reason for the end of the search.
     placement: tool point in the flange frame and root pose in the instrument's frame; rotations as vectors.
     unobservable: effects absorbed by joint values that are solved at every pose.

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
+from gpmodel.numerics.interval import chance_of_ratio
 from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.table.dataset import READ, TOUCHED, Dataset
 
@@ -141,6 +142,45 @@ def noise_floor(dataset: Dataset) -> float | None:
     spread = np.sqrt(squares / freedom)
     near = spread <= outlier_limit(spread)
     return float(np.sqrt(squares[near].sum() / freedom[near].sum()))
+
+
+DRIFTING = 1e-3
+"""Probability of a correlation of repeats with their distance in rows, below which the repeats drift."""
+MOST_REPEATS = 2000
+"""Largest number of rows in which a drift of repeats is sought: two million pairs of one pose."""
+
+
+def repeats_drift(dataset: Dataset) -> bool:
+    """Return whether repeats of a pose differ more the more rows are between them, so that they are no noise.
+
+    Spearman's rank correlation of |p_i - p_k| and |i - k| over pairs of repeats, with Student's t of as many degrees of
+    freedom as there are repeats, Σ (n - 1), less two.
+    """
+    rows = np.flatnonzero(np.isfinite(dataset.position).all(axis=1))[:MOST_REPEATS]
+    poses = numbered(replicates(dataset)[rows][:, None])
+    order = np.argsort(poses, kind="stable")
+    pairs = [np.column_stack([order[: -k or None], order[k:]]) for k in range(1, np.bincount(poses, minlength=1).max())]
+    first, second = np.concatenate(
+        [p[poses[p[:, 0]] == poses[p[:, 1]]] for p in pairs] or [np.zeros((0, 2), np.int64)]
+    ).T
+    freedom = len(rows) - len(np.unique(poses)) - 2
+    if freedom < 1:
+        return False
+    points, at = dataset.position[rows], dataset.row[rows]
+    ranks = np.array(
+        [_ranks(np.linalg.norm(points[second] - points[first], axis=1)), _ranks(np.abs(at[second] - at[first]))]
+    )
+    if (np.ptp(ranks, axis=1) == 0).any():
+        return False
+    rho = float(np.corrcoef(ranks)[0, 1])
+    ratio = rho**2 * freedom / max(1.0 - rho**2, np.finfo(float).tiny)
+    return rho > 0 and chance_of_ratio(ratio, 1, freedom) < 2 * DRIFTING
+
+
+def _ranks(values: Array) -> Array:
+    """Return the ranks of values; equal values have their mean rank."""
+    place, count = np.unique(values, return_inverse=True, return_counts=True)[1:]
+    return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[place])
 
 
 def check_repeats(dataset: Dataset) -> None:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from loop_cases import QUICK, found, quick, rms, robot
 from report_runs import calibrated, discovered, evolved, quickly
 
-import gpmodel as gp
 from gpmodel.calibration.comparison import fit_steps, nested_models
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
@@ -18,7 +17,6 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery
 from gpmodel.families.candidate import BRED, Candidate
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import geometric_effects, table_names, translate
@@ -29,7 +27,6 @@ from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.verdict import of_discovery
 from gpmodel.selection.causes import Cause, CredibleSet
-from gpmodel.table.cells import joint_table
 
 
 def report(case: str) -> Report:
@@ -124,18 +121,6 @@ def test_the_noise_floor_is_of_repeats_before_the_instruments_figure_which_is_of
     assert (report("nothing").noise_floor_mm, report("nothing").noise_from) == (None, None)
     assert quickly().noise_floor_mm == pytest.approx(0.03 * np.sqrt(3))
     assert quickly().noise_from == "instrument"
-
-
-def test_the_noise_floor_of_repeats_at_other_temperatures_is_that_of_their_noise() -> None:
-    arm, name = gp.load_mechanism("irb6400r"), "thermal growth of the arm (temperature)"
-    q = np.repeat(random_poses(arm, 20, np.random.default_rng(1)), 2, axis=0)
-    inputs = {"temperature [degC]": np.tile([20.0, 30.0], 20)}
-    poses = joint_table(arm, q)
-    table = gp.simulate(arm, poses=poses, effects=[f"{name}=1.2e-5"], inputs=inputs, noise="0.03 mm", seed=1).table
-    floors = [gp.calibrate(arm, table, effects=own, standard=["none"]).record for own in ([], [name])]
-    assert {record.noise_from for record in floors} == {"repeats"}
-    assert floors[0].noise_floor_mm > 0.1
-    assert floors[1].noise_floor_mm == pytest.approx(0.03 * np.sqrt(3), rel=0.3)
 
 
 def test_repeatability_is_that_of_a_known_spread() -> None:
