@@ -10,6 +10,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
+from gpmodel.checks.late import measured_late
 from gpmodel.checks.lenses import ADVICE, another_lens, with_fitted_lenses
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
@@ -163,7 +164,8 @@ def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     if beyond:
         yield from beyond
         return
-    for told in (misread_column(mechanism, data, standard), rotations_flaw(mechanism, data)):
+    flaws = (misread_column, lambda arm, table, _: rotations_flaw(arm, table), measured_late)
+    for told in (flaw(mechanism, data, standard) for flaw in flaws):
         if told:
             yield f"{data.source}: {told}"
             return
