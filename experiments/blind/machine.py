@@ -29,13 +29,17 @@ class Machine:
     def drawn(self, count: int, rng: np.random.Generator, beyond: bool = False) -> tuple[Route, World]:
         """Poses in their order, and all that they depend on."""
         chosen = route(self.case, region(self.case, self.arm, self.centre, beyond), count, rng)
+        return chosen, self.world_at(chosen, rng)
+
+    def world_at(self, chosen: Route, rng: np.random.Generator) -> World:
+        """All that poses depend on, in their order."""
         row = np.arange(len(chosen.q)) / max(self.case.poses - 1, 1)
         extra = extra_columns(self.case, row, len(chosen.q), rng)
         world = world_of(self.arm, chosen.q, extra, row, self.tool, self.placement)
         for name in self.case.columns:
             if name.startswith("torque_J"):
                 extra[name] = measured_torque(world.torque(int(name[8:])), rng)
-        return chosen, replace(world, start=self.arm.middle)
+        return replace(world, start=self.arm.middle)
 
     def measured(self, amounts: list[float], chosen: Route, world: World, rng: np.random.Generator) -> Sheet:
         """Where the poses are, and what the instrument says of them, with the case's outliers and no walk."""

@@ -11,6 +11,7 @@ from experiments.blind.case import Case, effect
 from experiments.blind.generate import standing
 from experiments.blind.machine import Machine, stand
 from experiments.blind.robot import Sheet
+from experiments.blind.session import Route
 from experiments.blind.simulator import Array
 
 CASE = Case("fleet", "irb_like", 60, 0.03, effects=(effect("base_compliance", 0.5), effect("compliance", 0.3, joint=2)))
@@ -33,6 +34,11 @@ class Built:
     def sheet(self, count: int, rng: np.random.Generator) -> Sheet:
         """Random poses, measured."""
         return self.machine.measured(self.amounts, *self.machine.drawn(count, rng), rng)
+
+    def sheet_at(self, q: Array, rng: np.random.Generator) -> Sheet:
+        """Given poses, measured."""
+        chosen = Route(q, np.arange(len(q)))
+        return self.machine.measured(self.amounts, chosen, self.machine.world_at(chosen, rng), rng)
 
 
 def built(seed: int, worn: int | None = None) -> Iterator[Built]:

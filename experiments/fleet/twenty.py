@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 import gpmodel as gp
 from experiments.blind.arms import ARMS as NOMINAL
@@ -26,6 +27,7 @@ from experiments.fleet.machines import COMMON, OWN, SPREAD, Built, table
 from experiments.fleet.run import wrong
 from experiments.options import parsed
 from experiments.tables import run_jobs
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 
@@ -91,7 +93,8 @@ def twenty(number: int) -> Row:
     sheets = [next(every).sheet(POSES, rng) for _ in range(20)]
     tables = {f"m{k}": table(sheet, sheet.measured) for k, sheet in enumerate(sheets)}
     like = gp.fleet(arm, tables, names, holdout=0.0).record
-    brothers = [_further(arm, next(every), names, like, rng) for _ in range(FURTHER)]
+    chosen = gp.choose_poses(arm, FEW, like=like, collisions=False).q
+    brothers = [_further(arm, next(every), names, like, chosen, rng) for _ in range(FURTHER)]
     others = machines_of(case, number, stranger=True)
     strangers = [_noticed(arm, next(others), like, rng) for _ in range(FURTHER)]
     return {
@@ -100,14 +103,17 @@ def twenty(number: int) -> Row:
     }  # fmt: skip
 
 
-def _further(arm: Mechanism, machine: Built, names: list[str], like: Any, rng: np.random.Generator) -> Row:
-    """Return errors of a further machine with few poses and the prior, and with many poses alone, mm."""
-    sheet = machine.sheet(MANY, rng)
+def _further(arm: Mechanism, machine: Built, names: list[str], like: Any, chosen: Array, rng: Generator) -> Row:
+    """Return errors of a further machine with few poses (random, or proposed for the type) and the prior, and with many
+    poses alone, mm. chosen: joint values of the proposed poses, rad."""
+    sheet, proposed = machine.sheet(MANY, rng), machine.sheet_at(chosen, rng)
     measured = table(sheet, sheet.measured)
     few = gp.calibrate(arm, measured[:FEW], holdout=0.0, fleet=like)
+    best = gp.calibrate(arm, table(proposed, proposed.measured), holdout=0.0, fleet=like)
     alone = gp.calibrate(arm, measured, names, holdout=0.0)
-    errors = [round(wrong(fit.model, machine, np.random.default_rng(0)), 4) for fit in (few, alone)]
-    return {"few": errors[0], "many": errors[1], "unlike": "unlike the machines" in few.verdict}
+    errors = [round(wrong(fit.model, machine, np.random.default_rng(0)), 4) for fit in (few, best, alone)]
+    unlike = any("unlike the machines" in fit.verdict for fit in (few, best))
+    return {"few": errors[0], "proposed": errors[1], "many": errors[2], "unlike": unlike}
 
 
 def _noticed(arm: Mechanism, machine: Built, like: Any, rng: np.random.Generator) -> dict[str, bool]:
@@ -133,12 +139,14 @@ def summarised(rows: list[Row]) -> Row:
     if twenties := [row for row in rows if "twenty" in row]:
         brothers = [one for row in twenties for one in row["brothers"]]
         noise = np.sqrt(3.0) * NOISE_MM
-        few, many = (np.array([one[key] for one in brothers]) for key in ("few", "many"))
+        few, best, many = (np.array([one[key] for one in brothers]) for key in ("few", "proposed", "many"))
         strangers = [one for row in twenties for one in row["strangers"]]
         out["twenties"] = {
             "fleets": len(twenties), "brothers": len(brothers), "few mm": float(np.mean(few)),
+            "proposed mm": float(np.mean(best)),
             "many mm": float(np.mean(many)), "ratio against exact": float(np.median(few / many)),
             "ratio against measured": float(np.median(np.hypot(few, noise) / np.hypot(many, noise))),
+            "ratio of proposed poses": float(np.median(np.hypot(best, noise) / np.hypot(many, noise))),
             "brothers called unlike": sum(one["unlike"] for one in brothers), "strangers": len(strangers),
             "noticed": {n: sum(one[n] for one in strangers) for n in strangers[0]},
         }  # fmt: skip
