@@ -31,7 +31,8 @@ LARGEST = 1e3
 
 DOUBTFUL, TWICE = 1e-3, 2.0
 """P-value, and ratio of distances from the type's mean, from which a machine counts as different from its type. The
-p-value neglects the error of the estimated prior; hence the ratio must be at least 2 as well."""
+p-value neglects the error of the estimated prior; hence the ratio must be at least 2 as well. A ratio of noises above 2
+is stated."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ class Further:
     individual: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
     comparison: comparison with the type in the effects that are not outlying, or in all if at least half are outlying.
+    louder: ratio of the noise of the machine, its effects unknown to the type included, to the noise of the type.
     """
 
     steps: tuple[Step, ...]
@@ -114,6 +116,7 @@ class Further:
     individual: Calibration | None
     outlying: tuple[str, ...]
     comparison: TypeComparison
+    louder: float
 
     @property
     def too_few(self) -> bool:
@@ -145,6 +148,11 @@ class Further:
     def in_words(self, poses: Poses) -> str:
         """State how many poses the type's prior replaces, and the effects in which a machine of the type deviates."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
+        if self.louder > TWICE:
+            found += (
+                f" The residual is {wording.significant(self.louder, 2)} times the noise of the type: an effect that "
+                "the type lacks, or another instrument."
+            )
         if self.individual is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
         both = _known(self.final, poses)
@@ -171,7 +179,9 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
     most = 2 * len(outlying) >= len(fleet.effects) + len(fleet.blocks)
     judged = fitted_with_prior(fleet, prior, seen, alone) if most else fit
-    return Further(with_fit(steps, PRIOR, fit, seen, unseen), fit, alone, outlying, compare_with_type(judged, seen))
+    compared = compare_with_type(judged, seen)
+    louder = compared.noise / fleet.noise
+    return Further(with_fit(steps, PRIOR, fit, seen, unseen), fit, alone, outlying, compared, louder)
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:

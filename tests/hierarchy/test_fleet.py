@@ -167,6 +167,14 @@ def test_a_further_machine_unlike_its_type_is_said_so(found: FleetResult) -> Non
     assert effect.value == pytest.approx(3.0 * TRUTH["base compliance"], rel=0.5)
 
 
+@pytest.mark.parametrize("wave", [0.0, 5e-4])
+def test_a_further_machine_with_an_effect_that_its_type_lacks_is_said_so(found: FleetResult, wave: float) -> None:
+    machine = machines(50, 1)["R-01"]
+    position = machine.position + wave * np.sin(2 * machine.q[:, 1:2]) * np.sin(machine.q[:, :3])
+    told = gp.calibrate(MECHANISM, replace(machine, position=position), fleet=found.record)
+    assert ("times the noise of the type" in told.verdict) == bool(wave)
+
+
 def test_the_file_is_read_back_and_refused_where_it_was_changed(found: FleetResult, tmp_path: Path) -> None:
     found.save(tmp_path / "fleet.json")
     assert read_fleet(tmp_path / "fleet.json") == found.record
