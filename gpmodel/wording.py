@@ -149,6 +149,17 @@ def some(items: Sequence[object], most: int = 8) -> str:
     return ", ".join(map(str, items[:most])) + more
 
 
+def ranges(numbers: Sequence[int]) -> list[str]:
+    """Write increasing whole numbers, three or more consecutive ones as `3 to 7`."""
+    runs = list[list[int]]()
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))]
+
+
 def left_out(rows: Sequence[int], of: int) -> str:
     """State the number of excluded measurements and their rows: `1 of 60 readings left out (row 18)`."""
     return f"{len(rows)} of {of} readings left out (row{'s' if len(rows) > 1 else ''} {some(rows)})"

@@ -71,3 +71,8 @@ def test_percent(share: float | None, text: str) -> None:
 )
 def test_a_parameter_keeps_its_axis_when_its_name_is_shortened(name: str, length: int, said: str) -> None:
     assert wording.short_name(name, length) == said
+
+
+def test_consecutive_numbers_are_written_as_ranges() -> None:
+    assert wording.ranges([1, 2, 4, 5, 6, 9]) == ["1", "2", "4 to 6", "9"]
+    assert wording.ranges([]) == []

@@ -6,15 +6,16 @@ Rows i with residual r_i have the value a or a + b of a constant with the deriva
 
 Examples are two tools, two loads, a joint with play between two zeros, and a moved instrument.
 The division g of the rows alternates between least squares for ρ, a, b and the better value for each row
-(classification EM; Celeux and Govaert 1992), from several initial divisions, or one value follows the other. The
-division of n rows costs n ln 2 nats, and ln 2n nats if one value follows the other. The alternative is a constant with
-a normally distributed value in each row.
+(classification EM; Celeux and Govaert 1992), from several initial divisions, alone or with a price of every switch
+between neighbouring rows. The description of the division has a price. The alternative is a constant with a normally
+distributed value in each row.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from gpmodel import wording
 from gpmodel.application.changed_model import with_changes
@@ -167,15 +168,26 @@ def _title(name: str, found: Recheck, second: Mask) -> str:
     """Return the name of a constant with the rows of its second value."""
     rows = found.session.poses.dataset.row
     if not _in_sequence(second):
-        return f"{name} in {np.count_nonzero(second)} rows ({wording.some(rows[second].tolist())})"
+        listed = wording.some(wording.ranges(rows[second].tolist()))
+        return f"{name} in {np.count_nonzero(second)} rows ({listed})"
     last = rows[np.flatnonzero(np.diff(second))[0]]
     return f"{name} after row {last}" if second[-1] else f"{name} up to row {last}"
 
 
 def _price(second: Mask) -> Array:
-    """Return the logarithm of the number of possible divisions of the rows, nats, for divisions (..., rows)."""
-    count = second.shape[-1]
-    return np.asarray(np.where(_in_sequence(second), np.log(2.0 * count), count * np.log(2.0)))
+    """Return the price of divisions (..., rows) of n rows, nats: the shorter of two descriptions, and ln 2 for which.
+
+    The list of m rows with the second value: ln(n + 1) + ln C(n, m), from an equally likely share of the second value.
+    The list of k switches between neighbouring rows: ln(k (k + 1)) + ln C(n - 1, k) (Rissanen 1983).
+    """
+    count, own, switches = second.shape[-1], second.sum(axis=-1), np.count_nonzero(np.diff(second), axis=-1)
+    separate = np.log(count + 1.0) + _log_choose(count, own)
+    runs = np.log(np.maximum(switches * (switches + 1.0), 2.0)) + _log_choose(count - 1, switches)
+    return np.asarray(np.log(2.0) + np.minimum(separate, runs))
+
+
+def _log_choose(count: int, own: IntArray) -> Array:
+    return np.asarray(special.gammaln(count + 1.0) - special.gammaln(own + 1.0) - special.gammaln(count - own + 1.0))
 
 
 def _in_sequence(second: Mask) -> Mask:
@@ -221,9 +233,9 @@ class _Rows:
         """Least number of rows of a value, so that it is determined without any one of them."""
         return 1 + -(-self.size * len(self.inner) // self.count)
 
-    def fitted(self, second: Mask) -> tuple[Array, Mask, Array]:
-        """Return for each division (divisions, poses) the sum of squares, the division by the better value, and the
-        difference of the values.
+    def fitted(self, second: Mask) -> tuple[Array, Array, Array]:
+        """Return for each division (divisions, poses) the sum of squares, that of each pose with the second value minus
+        that with the first, and the difference of the values.
 
         With P = Σ C_nᵀ F_n and S = Σ C_nᵀ C_n - P Pᵀ over the second rows, the difference of the values is
         b = S⁺ Σ C_nᵀ r_n.
@@ -239,7 +251,7 @@ class _Rows:
         absorbed = np.einsum("sij,si->sj", fixed, values)
         weights = np.concatenate([-2.0 * absorbed, values, np.full((len(part), 1), -2.0)], axis=1)
         more = (values[:, :, None] * weights[:, None, :]).reshape(len(part), -1) @ every.T
-        return self.squares - np.sum(inverse * turned**2, axis=1), np.asarray(more < 0.0), values
+        return self.squares - np.sum(inverse * turned**2, axis=1), more, values
 
     def best(self, freedom: float) -> tuple[float, Mask]:
         """Return the largest log likelihood of a division less its price, nats, and the division.
@@ -250,7 +262,11 @@ class _Rows:
         places = np.arange(self.fewest, n - self.fewest + 1, max(1, n // MOST_PLACES))
         if not len(places):
             return -np.inf, np.ones(n, dtype=bool)
-        tried = np.concatenate([np.arange(n) >= places[:, None], self._alternated(self._starts(places))])
+        once, starts = np.arange(n) >= places[:, None], self._starts(places)
+        first = once[[int(np.argmin(self.fitted(once)[0]))]]
+        tried = np.concatenate(
+            [once, self._alternated(starts), self._alternated(np.vstack([first, starts]), runs=True)]
+        )
         nats = student(np.maximum(self.fitted(tried)[0], 0.0), self.count, freedom)
         few = np.minimum(tried.sum(axis=1), n - tried.sum(axis=1)) < self.fewest
         nats = np.where(few, -np.inf, nats - _price(tried))
@@ -282,11 +298,30 @@ class _Rows:
             starts.append(tried[int(np.argmin(self.fitted(tried)[0]))])
         return np.stack(starts)
 
-    def _alternated(self, second: Mask) -> Mask:
-        """Alternate between least squares and the better value of each pose."""
+    def _alternated(self, second: Mask, runs: bool = False) -> Mask:
+        """Alternate between least squares and the better value of each pose, with a price of every switch between
+        neighbouring poses if the values form `runs`: ln n nats."""
         for _ in range(MOST_STEPS):
-            better = self.fitted(second)[1]
+            total, more, _ = self.fitted(second)
+            better = more < 0.0
+            if runs:
+                switch = 2.0 * np.log(second.shape[1]) * np.maximum(total / self.count, 1.0)
+                better = np.stack([_in_runs(*one) for one in zip(more.tolist(), switch.tolist(), strict=True)])
             if (better == second).all():
                 break
             second = better
         return second
+
+
+def _in_runs(more: Sequence[float], switch: float) -> Mask:
+    """Return the division with the least sum of `more` over the second rows and of `switch` over the changes of value
+    between neighbouring rows (Viterbi 1967)."""
+    first, second, before = 0.0, 0.0, list[tuple[bool, bool]]()
+    for own in more:
+        before.append((second + switch < first, first + switch < second))
+        first, second = min(first, second + switch), min(second, first + switch) + own
+    at, out = second < first, list[bool]()
+    for switched in reversed(before):
+        out.append(at)
+        at ^= switched[at]
+    return np.array(out[::-1], dtype=bool)

@@ -102,7 +102,7 @@ def _selected(
     compared = Compared.to(found, tried)
     while offered.any() and len(out) < MOST and compared.left.degrees >= LEAST_FREEDOM:
         left, scores = compared.left, compared.explained
-        chances, (shares, credible) = compared.chances(found), _posterior(compared, offered)
+        chances, (shares, credible) = compared.chances, _posterior(compared, offered)
         order = [k for k in np.argsort(-shares).tolist() if offered[k]]
         able = [k for k in order if chances[k] < significance]
         best = next((k for k in able if not compared.change(k).fits_an_outlier(left)), None)

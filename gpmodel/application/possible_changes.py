@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.application.recheck import Recheck, kept_by
 from gpmodel.application.uncatalogued import BREAK, uncatalogued
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.alternatives import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
@@ -25,7 +25,7 @@ from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
-from gpmodel.numerics.interval import chance_of_ratio, chances_of_ratio
+from gpmodel.numerics.interval import log_chances_of_ratio
 
 Kind = Literal["growth", "zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SET_UP: Kind = "set-up"
@@ -80,9 +80,9 @@ class PossibleChange:
         """Log prior probability of the change, nats. The probability of a division of 2000 rows is 0 as a number."""
         return float(np.log(self.share)) - self.division
 
-    def corrected(self, chance: float) -> float:
+    def corrected(self, log_chance: float) -> float:
         """Return the p-value of the change over its share of the significance level; see `corrected`."""
-        return float(corrected(np.array(chance), np.array(self.log_share)))
+        return float(corrected(np.array(log_chance), np.array(self.log_share)))
 
     @property
     def of_a_frame(self) -> bool:
@@ -99,7 +99,7 @@ class PossibleChange:
         return u[:, kept], s[kept], v[kept]
 
     def chance_beside(self, left: Recheck, z: Array) -> float:
-        """Return the probability that noise like the residual `left` makes the change as large as fitted to z.
+        """Return the log probability that noise like the residual `left` makes the change as large as fitted to z.
 
         The noise may differ between poses and directions: with u the orthonormal columns of the change and e the
         residual, the covariance of the fitted parameters uᵀz is Σ (uᵀe)(uᵀe)ᵀ over the poses (Liang and Zeger 1986).
@@ -107,7 +107,7 @@ class PossibleChange:
         u, poses = self._parts[0], len(np.unique(left.pose))
         numbers = u.shape[1]
         if not 0 < numbers < poses:
-            return 1.0
+            return 0.0
         of_pose = np.stack([np.bincount(left.pose, column * left.z) for column in u.T], axis=1)
         covariance = of_pose.T @ of_pose * poses / (poses - numbers)
         part = u.T @ z
@@ -115,7 +115,7 @@ class PossibleChange:
             float(part @ np.linalg.pinv(covariance, hermitian=True) @ part),
             float(part @ part) * left.degrees / left.chi_square,
         )
-        return chance_of_ratio(ratio / numbers, numbers, poses - numbers)
+        return float(log_chances_of_ratio(*(np.array(v) for v in (ratio / numbers, numbers, poses - numbers))))
 
     def part_of(self, z: Array) -> Array:
         """Return the part of the whitened residual z that the change explains."""
@@ -130,8 +130,8 @@ class PossibleChange:
         its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
         others = left.without(rank.remove(left.basis, its_rows.astype(float)))
         u = self.beside(others)._parts[0]
-        part, numbers = u.T @ others.z, np.array(u.shape[1])
-        return self.corrected(float(chance_by_noise(others, part @ part, numbers))) > limits.confirmation
+        part, numbers, divides = u.T @ others.z, np.array(u.shape[1]), np.array(self.division > 0.0)
+        return self.corrected(float(log_chances(others, part @ part, numbers, divides))) > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
         """Return size and standard error of the change; size: length of the vector of its parameters in `unit`."""
@@ -342,14 +342,23 @@ def student(chi_square: Array, degrees: int, freedom: float) -> Array:
     return -0.5 * np.asarray(rest, dtype=float)
 
 
-def chance_by_noise(found: Recheck, scores: Array, numbers: IntArray) -> Array:
-    """Return the probabilities that `numbers` fitted parameters explain at least `scores` of the chi-square of noise
-    alone."""
-    fitted = np.maximum(numbers, 1)
-    return np.where(numbers > 0, chances_of_ratio(scores / fitted, fitted, found.freedom), 1.0)
+def log_chances(left: Recheck, scores: Array, numbers: IntArray, divides: Mask) -> Array:
+    """Return the log probabilities that `numbers` fitted parameters explain at least `scores` of the chi-square of
+    noise alone.
+
+    divides: changes that pay for a division of the rows. Their price grows with the rows, beyond what the freedom ν of
+    the fitted σ can prove. The variance of their noise is estimated from the fit and from the residual that the change
+    leaves: (ν + χ² - score) / (ν + degrees - numbers). The test is then that of the likelihood ratio of the residual
+    with and without the change.
+    """
+    fitted, freedoms = np.maximum(numbers, 1), np.full(np.shape(scores), left.freedom)
+    variances = np.ones(np.shape(scores))
+    if np.isfinite(left.freedom):
+        freedoms = freedoms + divides * (left.degrees - fitted)
+        variances = np.where(divides, (left.freedom + np.maximum(left.chi_square - scores, 0.0)) / freedoms, 1.0)
+    return np.where(numbers > 0, log_chances_of_ratio(scores / fitted / variances, fitted, freedoms), 0.0)
 
 
-def corrected(chances: Array, log_shares: Array) -> Array:
-    """Return p-values over the shares of the significance level (log_shares, nats); at most e^100."""
-    with np.errstate(divide="ignore"):
-        return np.exp(np.minimum(np.log(chances) - log_shares, 100.0))
+def corrected(log_chances: Array, log_shares: Array) -> Array:
+    """Return p-values over the shares of the significance level, both as logarithms, nats; at most e^100."""
+    return np.asarray(np.exp(np.minimum(log_chances - log_shares, 100.0)))

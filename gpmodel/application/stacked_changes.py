@@ -18,8 +18,8 @@ import numpy as np
 from gpmodel.application.possible_changes import (
     LEAST,
     PossibleChange,
-    chance_by_noise,
     corrected,
+    log_chances,
     log_likelihood,
 )
 from gpmodel.application.recheck import Recheck
@@ -162,6 +162,8 @@ class Compared:
         price = 0.5 * self.numbers * np.log(self.left.degrees)
         return np.asarray(log_likelihood(self.left, self.explained) + self.stack.log_share - price)
 
-    def chances(self, found: Recheck) -> Array:
-        """Return the p-value of every change, corrected for its share. found: residual without a selected change."""
-        return corrected(chance_by_noise(found, self.explained, self.numbers), self.stack.log_share)
+    @cached_property
+    def chances(self) -> Array:
+        """P-value of every change, corrected for its share of the significance level."""
+        divides = np.array([change.division > 0.0 for change in self.stack.changes], dtype=bool)
+        return corrected(log_chances(self.left, self.explained, self.numbers, divides), self.stack.log_share)

@@ -158,14 +158,32 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
     The mean square is over `numbers` normal deviates; the variance has `freedom` degrees of freedom. The ratio is F
     distributed. If `freedom` is infinite the variance is known, and the ratio is χ² over its degrees of freedom.
     """
-    return float(chances_of_ratio(np.array(ratio), np.array(numbers), freedom))
+    return float(np.exp(log_chances_of_ratio(np.array(ratio), np.array(numbers), np.array(freedom))))
 
 
-def chances_of_ratio(ratios: Array, numbers: Array | IntArray, freedom: float) -> Array:
-    """Return `chance_of_ratio` of each ratio."""
-    if np.isinf(freedom):
-        return np.asarray(special.chdtrc(numbers, ratios * numbers))
-    return np.asarray(special.fdtrc(numbers, freedom, ratios))
+TINY = 1e-290
+"""Probability below which the leading term of a tail replaces the tail: smaller ones soon have no number."""
+
+
+def log_chances_of_ratio(ratios: Array, numbers: Array | IntArray, freedoms: Array) -> Array:
+    """Return the logarithm of `chance_of_ratio` for each ratio, also of chances that are too small for a number.
+
+    With x = ν / (ν + p r), the chance of a large ratio r of p deviates is nearly x^(ν/2) (1 - x)^(p/2 - 1) over
+    ν/2 B(ν/2, p/2); of a known variance it is nearly (p r/2)^(p/2 - 1) e^(-p r/2) / Γ(p/2).
+    Source: Abramowitz and Stegun (1964), 26.5.4 and 26.4.12.
+    """
+    known, half = np.isinf(freedoms), 0.5 * numbers
+    freedoms = np.where(known, 1.0, freedoms)
+    chances = np.where(known, special.chdtrc(numbers, ratios * numbers), special.fdtrc(numbers, freedoms, ratios))
+    with np.errstate(divide="ignore"):
+        found, share = np.log(chances), freedoms / (freedoms + ratios * numbers)
+        beta = special.betaln(0.5 * freedoms, half) + np.log(0.5 * freedoms)
+        tails = np.where(
+            known,
+            (half - 1.0) * np.log(half * ratios) - half * ratios - special.gammaln(half),
+            0.5 * freedoms * np.log(share) + (half - 1.0) * np.log1p(-share) - beta,
+        )
+    return np.asarray(np.where(chances > TINY, found, tails))
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:

@@ -9,12 +9,14 @@ from instances import some
 from verify_cases import NOISE, Fitted, placed_anew, read_later
 
 import gpmodel as gp
+from gpmodel.application.divided_rows import _price
 from gpmodel.application.possible_changes import PossibleChange
 from gpmodel.arrays import Array, Mask
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset, unmeasured
+from gpmodel.wording import ranges
 from gpmodel.wording import some as listed
 
 CONSTANTS = {"tool": "tool point", "zero": "zero of J3", "mass": "mass at the tool", "set-up": "set-up"}
@@ -66,7 +68,7 @@ def mixed(count: int, share: float) -> Mask:
 
 
 def named(constant: str, rows: tuple[int, ...]) -> str:
-    return f"{CONSTANTS[constant]} in {len(rows)} rows ({listed(rows)})"
+    return f"{CONSTANTS[constant]} in {len(rows)} rows ({listed(ranges(rows))})"
 
 
 QUICK = [
@@ -165,15 +167,52 @@ def test_errors_of_one_tool_are_not_divided(fitted: Fitted, seed: int) -> None:
         assert not any(change.rows and change.kind != "set-up" for change in found.changes)
 
 
+def block(count: int, *of: tuple[int, int]) -> Mask:
+    """Rows first to last, both included, of one table."""
+    return np.asarray([any(first <= row <= last for first, last in of) for row in range(1, count + 1)])
+
+
+BLOCKS = block(60, (11, 25), (41, 52))
+"""Two blocks of rows, of a zero that moved by about the noise: the rows alone do not show their value."""
+MANY = [
+    (mixed(300, 0.5), "zero", 4e-4, "zero of J3 in 150 rows"),
+    (mixed(1100, 0.3), "zero", 4e-4, "zero of J3 in 330 rows"),
+    (block(1100, (386, 715)), "zero", 6e-5, "zero of J3 in 330 rows (386 to 715)"),
+]
+
+
+@pytest.mark.parametrize(
+    ("second", "constant", "size", "name"),
+    [(BLOCKS, "zero", 1e-4, "zero of J3 in 27 rows (11 to 25, 41 to 52)"),
+     *(pytest.param(*one, marks=pytest.mark.long) for one in MANY)],
+)  # fmt: skip
+def test_the_division_of_a_long_table_has_the_price_of_its_shorter_description(
+    fitted: Fitted, second: Mask, constant: str, size: float, name: str
+) -> None:
+    (change,) = fitted[0].verify(later(fitted, second, constant, size)).record.changes
+    assert change.name.startswith(name)
+    assert change.rows == tuple(np.flatnonzero(second) + 1)
+    assert abs(change.value - size) < 4 * change.stderr
+
+
 @pytest.mark.long
-def test_rows_of_a_long_table_are_divided(fitted: Fitted) -> None:
-    """Beyond about 1000 rows the price of a division, n ln 2, exceeds what the freedom of σ can prove: not divided."""
-    (change,) = fitted[0].verify(later(fitted, mixed(300, 0.5), "zero", 4e-4)).record.changes
-    assert change.name.startswith("zero of J3 in 150 rows")
+@pytest.mark.parametrize(("count", "seed"), [*((30, seed) for seed in range(14)), (300, 1), (300, 2), (1100, 3)])
+def test_the_rows_of_an_unchanged_machine_are_not_divided(fitted: Fitted, count: int, seed: int) -> None:
+    made, rng = fitted[1], np.random.default_rng([count, seed])
+    q = random_poses(made.model.mechanism, count, rng)
+    found = fitted[0].verify(read_later(made, q, placed_anew(made, rng), rng))
+    assert found.holds
+    assert not found.record.changes
+
+
+def test_descriptions_of_all_divisions_are_together_no_more_than_certain() -> None:
+    """Kraft's inequality. A division and its complement are one division."""
+    every = np.array([[row >> k & 1 for k in range(10)] for row in range(1, 512)], dtype=bool)
+    assert 0.5 < np.exp(-_price(every)).sum() <= 1.0
 
 
 def test_a_division_of_many_rows_has_a_finite_price() -> None:
     change = PossibleChange("zero of J3", "zero", "rad", np.ones((6, 1)), share=0.1, division=2000 * np.log(2.0))
     assert change.log_share == pytest.approx(np.log(0.1) - 2000 * np.log(2.0))
-    assert change.corrected(0.0) == 0.0
-    assert change.corrected(1e-300) > 1.0
+    assert change.corrected(-np.inf) == 0.0
+    assert change.corrected(-600.0) > 1.0 > change.corrected(-1400.0)
