@@ -1,7 +1,7 @@
 """Calibrate a machine: fit registration, then the standard model, then named effects."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -46,7 +46,7 @@ from gpmodel.report.build import Ladder
 from gpmodel.report.effects import from_calibration
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.table.blocks import hold_out
+from gpmodel.table.blocks import copies, hold_out
 from gpmodel.table.dataset import Dataset
 
 COMMAND = "gpmodel.calibrate"
@@ -122,7 +122,7 @@ def calibrate(
     geometry = standard_effects(arm, check_texts(standard, "standard", "('J* R?',)"))
     known = None if fleet is None else _fleet_of(fleet, named_effects)
     table = specified(read_table(table, arm), instrument)
-    arm, poses = checked_poses(arm, table, geometry if known is None else ())
+    arm, poses = distinct_poses(arm, table, geometry if known is None else ())
     groups = [*measured_joints(joints, arm), *(named_group(effect, arm, poses) for effect in named_effects)]
     names = [effect.name for _, group in groups for effect in group]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -141,7 +141,7 @@ def calibrate(
     for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
             raise InputError(f"{poses.dataset.source}: the fit of {step} diverged: {tried.reason}")
-    note = " ".join([note, *(f"{poses.dataset.source}: {said}." for said in poor_fit(final, "the fit"))]).strip()
+    note = " ".join(filter(None, (note, *_remarks(len(table) - len(poses), final, poses))))
     named = tuple(effect for _, group in groups for effect in group)
     made = Origin(command, seed, time.perf_counter() - started)
     return CalibrationResult(Ladder(poses, train, steps, final, named), made, note)
@@ -188,6 +188,25 @@ def checked_poses(
     refuse(mechanism, poses, standard)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses
+
+
+def distinct_poses(
+    mechanism: Mechanism, table: TableLike, standard: tuple[Effect, ...] | None = None
+) -> tuple[Mechanism, Poses]:
+    """Return the mechanism and the checked poses of a table, without rows that copy another row's measurement.
+
+    A copy is no second measurement: its error is that of the first row, and ± would be too small.
+    """
+    arm, poses = checked_poses(mechanism, table, standard)
+    copied = copies(poses.dataset)
+    return arm, poses.subset(np.flatnonzero(~copied)) if copied.any() else poses
+
+
+def _remarks(copied: int, final: Calibration, poses: Poses) -> Iterator[str]:
+    """Yield sentences on copied rows and on a large residual of the last fit."""
+    if copied:
+        yield f"Rows that copy the measurement of another row are left out: {copied}."
+    yield from (f"{poses.dataset.source}: {said}." for said in poor_fit(final, "the fit"))
 
 
 def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:

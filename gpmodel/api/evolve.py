@@ -24,7 +24,7 @@ from gpmodel.api.arguments import (
     file_path,
     mechanism_of,
 )
-from gpmodel.api.calibrate import checked_poses, named_group, split
+from gpmodel.api.calibrate import distinct_poses, named_group, split
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import Shown, TableLike, aligned
@@ -284,7 +284,7 @@ def evolve(
     arm, named = mechanism_of(mechanism), check_list(effects, "effects", "['base_compliance']")
     patterns = check_texts(standard, "standard", "('J* R?',)")
     known = standard_effects(arm, patterns) if model is None else _effects_of(model, arm, patterns)
-    arm, poses = checked_poses(arm, table, tuple(e for e in known if e.constant))
+    arm, poses = distinct_poses(arm, table, tuple(e for e in known if e.constant))
     models = _models(known, [named_group(effect, arm, poses) for effect in named])
     (train, held), started = split(poses.dataset, fraction, seed), time.perf_counter()
     start = _start(poses, train, models, (arm, space == "slot", seed))

@@ -18,7 +18,7 @@ from gpmodel.api.arguments import (
     file_path,
     mechanism_of,
 )
-from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group, split
+from gpmodel.api.calibrate import CalibrationResult, distinct_poses, named_group, split
 from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import Shown, TableLike
 from gpmodel.application.true_loads import machine_under_true_loads
@@ -73,7 +73,7 @@ def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[st
     for serial, table in tables.items():
         check_serial(serial)
         try:
-            out[serial] = checked_poses(arm, table)
+            out[serial] = distinct_poses(arm, table)
         except InputError as error:
             known = error.said if Path(str(table)).name in error.said else f"{serial}: {error.said}"
             raise InputError(known, error.argument) from None

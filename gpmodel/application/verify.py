@@ -28,6 +28,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, observe, turn_error
 from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import frame_of
+from gpmodel.table.blocks import copies
 from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
@@ -85,8 +86,9 @@ class Verified:
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Return the rows of a table that the model was not fitted to; raise InputError if there are none."""
-    every = np.arange(len(dataset))
+    """Return the rows of a table that the model was not fitted to, without copies of rows; raise InputError if there
+    are none."""
+    every = np.flatnonzero(~copies(dataset))
     if saved.measured is None:
         return every
     known, here = saved.measured.dataset, {**dataset.readings, **dataset.distances}
@@ -96,7 +98,8 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
         [row.tobytes() for row in np.column_stack([d.q, d.position, d.rotation, *(v[name] for name in shared)]) + 0.0]
         for d, v in ((known, there), (dataset, here))
     )
-    fresh = every[[row not in set(fitted) for row in rows]] if len(rows) else every
+    before = set(fitted)
+    fresh = every[[rows[k] not in before for k in every]]
     if not len(fresh):
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
     return fresh

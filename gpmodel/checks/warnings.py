@@ -286,7 +286,7 @@ def _repeats(data: Dataset) -> Iterator[str]:
     copied = np.flatnonzero(first < np.arange(len(data)))
     if len(copied):
         pairs = [f"{data.row[first[k]]} and {data.row[k]}" for k in copied]
-        yield f"rows {some(pairs)} contain a measurement twice; copied rows make the stated errors too small"
+        yield f"rows {some(pairs)} contain a measurement twice; copies are left out of every fit"
 
 
 FROZEN = 3

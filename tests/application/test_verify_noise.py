@@ -1,4 +1,4 @@
-"""Test that noise of a later measurement is no change of the machine, and that a wave whose phase changed is one."""
+"""Test that noise of a later measurement and copied rows are no change of the machine, but the phase of a wave is."""
 
 from dataclasses import replace
 
@@ -43,3 +43,21 @@ def test_a_wave_whose_phase_changed_is_one_change() -> None:
     (change,) = found.record.changes
     assert "phase of eccentricity" in change.name
     assert change.value == pytest.approx(np.linalg.norm(turned - made.theta), abs=3 * change.stderr)
+
+
+@pytest.mark.parametrize("times", some([2, 4], 4))
+def test_copied_rows_are_one_measurement(times: int) -> None:
+    model, made = fitted_robot()
+    rng = np.random.default_rng(3)
+    table = read_later(made, random_poses(made.model.mechanism, 20, rng), placed_anew(made, rng), rng)
+    again = table.subset(np.tile(np.arange(20), times))
+    once, copied = (model.verify(data).record for data in (table, again))
+    assert copied.chi_square == pytest.approx(once.chi_square)
+    assert copied.verdict == once.verdict
+    fits = [
+        gp.calibrate(made.model.mechanism, made.dataset.subset(np.tile(np.arange(60), k)), holdout=0.0)
+        for k in (1, times)
+    ]
+    for one, other in zip(*(fit.record.parameters for fit in fits), strict=True):
+        assert other.stderr == pytest.approx(one.stderr)
+    assert f"are left out: {60 * (times - 1)}." in fits[1].verdict
