@@ -23,7 +23,7 @@ from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, effect_columns, linearise
+from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import has_functions, uncertain_functions
@@ -281,8 +281,7 @@ class Recheck:
         `Linearised.effect_rows` omits the part of an instrument's error that a tool absorbs; a later session keeps the
         tool of the model.
         """
-        problem, model = self.problem, self.session.saved.model
-        return problem.weigh(effect_columns(tuple(effects), model, problem.poses, problem.observed))
+        return self.problem.derivatives(effects, self.session.saved.model)
 
     def whitened(self, columns: Array) -> Array:
         """Return whitened columns of the linear problem, with the session's fitted columns projected out."""

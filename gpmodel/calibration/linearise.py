@@ -130,16 +130,17 @@ class Linearised:
         """Mask of the columns of registrations and tools among the columns before the effects."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
-    def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Return the weighted derivatives of the measured rows with respect to the coefficient of each effect.
-
-        For errors of the instrument, the part that registrations and tools absorb is projected out.
-        """
+    def derivatives(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
+        """Return the weighted derivatives of the measured rows with respect to the coefficient of each effect."""
         if self.reduced is not None:
-            rows = self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
-        else:
-            out = np.zeros((len(effects), len(self.residual)))
-            rows = add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+            return self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
+        out = np.zeros((len(effects), len(self.residual)))
+        return add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+
+    def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
+        """Return `derivatives`. For errors of the instrument, the part that registrations and tools absorb is projected
+        out."""
+        rows = self.derivatives(effects, model)
         if own := [k for k, effect in enumerate(effects) if effect.of_the_instrument]:
             rigid = ident.orthonormal(self.columns[:, : self.placement][:, self.rigid])
             sizes = np.linalg.norm(rows[:, own], axis=0)
