@@ -21,6 +21,7 @@ from gpmodel.application.stacked_changes import Stack
 from gpmodel.application.usable import at_end, out_of_range, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.checks.late import delayed, moved_by_rates, path_rates, zeros
 from gpmodel.checks.rounding import computed, rounded
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
@@ -136,7 +137,7 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         verdict = "another machine" if useless and not judged.complete else "drifted"
     if verdict != "holds":
-        for text in _rounded(found):
+        for text in _faults_of_the_table(found):
             raise InputError(f"{dataset.source}: {text}")
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
@@ -256,12 +257,19 @@ def _near(found: Recheck, start: Placement) -> Recheck:
     return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else found
 
 
-def _rounded(found: Recheck) -> Iterator[str]:
-    """Yield a sentence if rounding of the table explains the residual of a model."""
+def _faults_of_the_table(found: Recheck) -> Iterator[str]:
+    """Yield a sentence if rounded numbers or a delay of the positions explain the residual of a model."""
     session = found.session
     left = root_mean_square(session.errors[session.use]) * np.sqrt(len(found.z) / found.degrees)
     data = session.poses.dataset
     yield from rounded(session.saved.mechanism, session.observed, data, left, found.degrees)
+    rate = path_rates(session.saved.mechanism, data)
+    if rate is not None:
+        rows = found.rows_of(zeros(session.saved.mechanism))
+        column = found.whitened(moved_by_rates(rows, found.problem, rate)[:, None])
+        late = float(column[:, 0] @ found.z / np.sum(column**2))
+        share = np.sqrt(found.without(column).chi_square / found.chi_square)
+        yield from filter(None, [delayed(late, data, share * left, left)])
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cli_cases import robot
 from instances import some
+from verify_cases import fitted_robot, placed_anew, read_later
 
 import gpmodel as gp
 from gpmodel.api.check import check
@@ -54,3 +55,11 @@ def test_a_table_with_a_delay_is_refused_with_its_size() -> None:
     assert "s after the joint values of a moving robot" in " ".join(check(arm, data).summary().split())
     with pytest.raises(gp.InputError, match="joint values of a moving robot"):
         gp.calibrate(arm, data)
+
+
+def test_a_moving_robot_whose_positions_are_late_is_no_other_machine() -> None:
+    (model, made), time, rng = fitted_robot(), STEP * np.arange(40), np.random.default_rng(2)
+    later = read_later(made, path(time + 0.01), placed_anew(made, rng), rng)
+    data = replace(later, q=path(time), extras={"time": time}, extra_units={"time": "s"})
+    with pytest.raises(gp.InputError, match=r"0\.0(099|1)\d* s after the joint values of a moving robot"):
+        model.verify(data)
