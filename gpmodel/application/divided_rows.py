@@ -11,7 +11,7 @@ between neighbouring rows. The description of the division has a price. The alte
 distributed value in each row.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,11 +71,18 @@ class Division:
     found: residuals without the outliers of a model with both values.
     changes: changes of each constant in the rows of one value, with their shares.
     scattered: True if a normally distributed value in each row is more probable than two values.
+    most: largest number of parameters that the rows of either value determine without any one of them.
     """
 
     found: Recheck
     changes: tuple[PossibleChange, ...]
     scattered: bool
+    most: int
+
+    def determines(self, names: Collection[str]) -> bool:
+        """Return whether the rows of either value determine the named changes together, without any one of them."""
+        widths = [change.columns.shape[1] for change in self.changes if change.name in names]
+        return int(sum(widths)) <= self.most
 
 
 def divided(near: Recheck, known: Sequence[PossibleChange] = ()) -> Division | None:
@@ -104,8 +111,8 @@ def divided(near: Recheck, known: Sequence[PossibleChange] = ()) -> Division | N
     if own is None:
         return None
     constant, rows, second = own
-    judged, changes = _judgeable(near, whole, [*known, constant, _in_rows(constant, found, second)], second)
-    return Division(judged, changes, rows.scattered(second)) if changes else None
+    judged, changes, most = _judgeable(near, whole, [*known, constant, _in_rows(constant, found, second)], second)
+    return Division(judged, changes, rows.scattered(second), most) if changes else None
 
 
 @dataclass(frozen=True)
@@ -125,9 +132,9 @@ class _WithConstants:
 
 def _judgeable(
     near: Recheck, whole: _WithConstants, changes: Sequence[PossibleChange], second: Mask
-) -> tuple[Recheck, tuple[PossibleChange, ...]]:
+) -> tuple[Recheck, tuple[PossibleChange, ...], int]:
     """Exclude the outliers of the model with the changes and two values, and offer two values of every constant that
-    the rows of either value determine without any one of them.
+    the rows of either value determine without any one of them. Return also how many parameters they determine so.
 
     whole: residuals of all rows. The model has the value of either part of the rows. If the registration absorbs a
     constant of all rows, the later value differs, or that of the smaller part.
@@ -146,7 +153,7 @@ def _judgeable(
     raw = [_in_rows(change, own, second) for change in offered]
     raw += [_in_rows(change, own, ~second) for change in offered if change.name in either]
     price = float(_price(second))
-    return own, tuple(replace(c, division=price) for c in with_shares(own, raw)) if raw else ()
+    return own, tuple(replace(c, division=price) for c in with_shares(own, raw)) if raw else (), most
 
 
 def _in_rows(change: PossibleChange, found: Recheck, second: Mask) -> PossibleChange:

@@ -211,8 +211,9 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
             same = division.found is judged.near
             offered = judged.tried if same else Stack.of(possible_changes(division.found), len(division.found.z))
             tried = _Judged.of(division.found, offered.plus(division.changes), significance)
+            in_rows = [change.name for change in tried.named if change.rows]
             better = tried.complete and tried.nats > judged.nats and not division.scattered
-            if better and any(change.rows for change in tried.named):
+            if better and in_rows and division.determines(in_rows):
                 return tried
             further = tried.known or further
         if [change.name for change in further] == [change.name for change in known]:

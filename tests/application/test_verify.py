@@ -307,11 +307,14 @@ def test_what_cannot_be_judged_is_refused_in_a_line(fitted: Fitted, tmp_path: Pa
     few = write(later(made, 1, 3), arm, tmp_path / "few.csv")
     good = write(later(made, 1), arm, tmp_path / "good.csv")
     one = later(made, 1, 1).subset(np.zeros(30, dtype=int))
-    same = write(replace(one, row=np.arange(1, 31)), arm, tmp_path / "same.csv")
+    copied = write(replace(one, row=np.arange(1, 31)), arm, tmp_path / "copied.csv")
+    noisy = one.position + np.random.default_rng(0).normal(0.0, NOISE, one.position.shape)
+    same = write(replace(one, position=noisy, row=np.arange(1, 31)), arm, tmp_path / "same.csv")
     (tmp_path / "bare.csv").write_text(good.read_text().replace("x [mm]", "p [mm]").replace("y [mm]", "q [mm]")
                                        .replace("z [mm]", "r [mm]"))  # fmt: skip
     for table, more, said in (
         (few, (), "expected at least 4 poses"), (same, (), "1 different poses are too few"),
+        (copied, (), "1 poses with x, y and z"),
         (tmp_path / "bare.csv", (), "nothing measured"),
         (good, ("--tolerance", "0.1"), "--tolerance"), (tmp_path / "none.csv", (), "cannot be read"),
     ):  # fmt: skip
