@@ -168,6 +168,7 @@ def test_wrong_labels_are_named_in_the_verdict(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_bar_of_another_length_is_refused(tmp_path: Path) -> None:
     with pytest.raises(gp.InputError, match=r"touched\.csv, column 'pair': does not fit ur5"):
         gp.calibrate("ur5", touched("bar", "length [mm]", "3000", tmp_path))

@@ -28,6 +28,7 @@ def found() -> object:
     return gp.discover("irb6400r", table(60, effects=effects), search=gp.Search(runs=0, workers=1), holdout=0.3)
 
 
+@pytest.mark.long
 def test_columns_of_a_file_come_back_as_numbers(fit: gp.Model, tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     table(60).assign(note="a").to_csv(path, index=False)

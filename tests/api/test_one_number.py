@@ -61,6 +61,7 @@ def errors(model: Model, frame: pd.DataFrame, rows: np.ndarray, session: bool) -
     return np.asarray(np.linalg.norm(measured - predicted, axis=1)[rows])
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("case", some(CASES, "arm", "instrument"))
 def test_report_and_certificate_state_the_errors_of_the_saved_model(case: str, tmp_path: Path) -> None:
     frame, result = made(case)
@@ -128,6 +129,7 @@ def fit() -> "gp.CalibrateResult":
     return gp.calibrate("irb6400r", measured(40, 1), holdout=0.3)
 
 
+@pytest.mark.long
 def test_the_report_has_the_error_of_orientation_before_and_after(fit: "gp.CalibrateResult") -> None:
     kinds = {kind.name: kind for kind in fit.record.readings}
     found = kinds["orientation"]
@@ -169,6 +171,7 @@ def test_poses_csv_has_it_pose_by_pose(fit: "gp.CalibrateResult", tmp_path: Path
     assert np.sqrt(np.mean(held["after [mrad]"] ** 2)) == pytest.approx(found.after, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_verdict_compares_orientations_of_the_steps_whose_positions_it_compares(fit: "gp.CalibrateResult") -> None:
     named = gp.calibrate("irb6400r", measured(40, 1), ["joint_compliance J2"], holdout=0.3).record
     for record, before in ((fit.record, "registration only"), (named, "standard model")):

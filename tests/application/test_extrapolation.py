@@ -35,7 +35,7 @@ def test_a_model_is_less_certain_at_temperatures_beyond_its_fit(seed: int, moved
         assert record.changes[0].value == pytest.approx(moved, abs=3.5 * record.changes[0].stderr)
 
 
-@pytest.mark.first(3)
+@pytest.mark.first(1)
 @pytest.mark.parametrize("centre", ["0,0,250mm", "120,-80,60mm", "0,0,0mm"])
 @pytest.mark.parametrize("declared", [True, False])
 @pytest.mark.parametrize("kilograms", [10.0, 40.0])

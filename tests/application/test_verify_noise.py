@@ -45,6 +45,7 @@ def test_a_wave_whose_phase_changed_is_one_change() -> None:
     assert change.value == pytest.approx(np.linalg.norm(turned - made.theta), abs=3 * change.stderr)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", some([2, 4], 4))
 def test_copied_rows_are_one_measurement(times: int) -> None:
     model, made = fitted_robot()

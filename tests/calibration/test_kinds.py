@@ -95,6 +95,7 @@ def test_kinds_count_by_their_own_noise(table: str, monkeypatch: pytest.MonkeyPa
     assert error_at_new_poses(fit, truth) <= 1.05 * error_at_new_poses(best, truth)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     "noise", [{"tracker": "0.03 mm", "inclinometer": "0.02 deg"}, {"tracker": "0.3 mm", "camera": "0.05 px"}]
 )

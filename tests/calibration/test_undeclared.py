@@ -84,6 +84,7 @@ def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> 
     assert np.all((ratio > 0.8) & (ratio < 3.0))
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("guilty", [False, True])
 def test_a_residual_of_more_than_noise_is_said_and_noise_is_not(guilty: bool) -> None:
     fits, poses, _ = touched(guilty)

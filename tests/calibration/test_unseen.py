@@ -62,6 +62,7 @@ def test_the_stated_error_contains_what_the_instrument_does_not_show(kind: str) 
     assert 0.25 < true / stated < 1.25
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", TABLES[:2])
 def test_constants_that_no_measurement_shows_are_not_called_redundant(kind: str) -> None:
     _, result = calibrated(kind)
@@ -88,7 +89,7 @@ def test_an_accuracy_of_positions_is_not_certified_without_positions(kind: str) 
         gp.certificate(calibrated(kind)[1])
 
 
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 @pytest.mark.parametrize(("axes", "stated"), [("x", "x"), ("z", "z"), ("xy", "xy"), ("xyz", "xyz")])
 def test_the_registration_is_stated_along_measured_coordinates_only(axes: str, stated: str) -> None:
     made = of_coordinates(gp.simulate(ARM, poses=60, geometry_sigma="0.3 mm", seed=4), axes)

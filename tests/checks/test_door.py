@@ -251,6 +251,7 @@ def test_a_few_bad_readings_are_left_out_of_every_error(case: str) -> None:
         assert (errors.max_mm or np.inf) < 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.45, *(pytest.param(s, marks=pytest.mark.long) for s in (0.3, 0.6))])
 def test_readings_of_which_many_are_bad_are_refused(share: float, tmp_path: Path) -> None:
     rng = np.random.default_rng(int(100 * share))

@@ -34,6 +34,7 @@ def path(time: Array) -> Array:
     return np.asarray(0.1 + 0.45 * np.sin(np.sqrt(np.arange(2.0, 8.0)) * 0.3 * time[:, None] + np.arange(6)))
 
 
+@pytest.mark.first(2)
 @pytest.mark.parametrize("case", some(CASES, "5 ms late", "a twentieth of a row late", "play of all joints"))
 def test_a_delay_between_joint_values_and_positions_is_named(case: str) -> None:
     late, clock, play, effects, said = CASES[case]
@@ -57,6 +58,7 @@ def test_a_table_with_a_delay_is_refused_with_its_size() -> None:
         gp.calibrate(arm, data)
 
 
+@pytest.mark.long
 def test_a_moving_robot_whose_positions_are_late_is_no_other_machine() -> None:
     (model, made), time, rng = fitted_robot(), STEP * np.arange(40), np.random.default_rng(2)
     later = read_later(made, path(time + 0.01), placed_anew(made, rng), rng)

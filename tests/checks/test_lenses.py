@@ -44,6 +44,7 @@ WRONG: dict[str, tuple[str, Numbers, tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case", [case if case == "slight distortion" else pytest.param(case, marks=pytest.mark.long) for case in WRONG]
 )

@@ -50,7 +50,7 @@ def test_a_law_is_found_exactly_under_one_of_the_links(name: str) -> None:
     np.testing.assert_allclose(law.program.evaluate(COLUMNS)[0], response, rtol=1e-8)
 
 
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("origin_of_a", "unit", "offset"),
     [(0.0, 1.0, 1e6), (0.0, 1e-9, -1e-3), (0.0, 1e9, 1e15), (1e5, 1.0, 0.0), (2010.0, 1.0, 0.0), (-1.7e9, 1.0, 1e6)],

@@ -270,6 +270,7 @@ def test_a_drifting_instrument_is_called_a_drift() -> None:
     assert best.family == "drift"
 
 
+@pytest.mark.long
 def test_without_an_order_of_the_rows_nothing_remembers() -> None:
     data = replace(table(), extras={}, extra_units={})
     assert not {c.family for c in pool_memory(data)} & FAMILIES

@@ -351,6 +351,7 @@ class Round:
             pass
 
 
+@pytest.mark.long
 def test_texts_are_parsed_in_many_threads_at_once() -> None:
     def parsed(thread: int) -> set[str]:
         found = set()

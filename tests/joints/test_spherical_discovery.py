@@ -62,6 +62,7 @@ def test_three_effects_at_once_are_chosen_together() -> None:
     assert rms(found.steps[-1].heldout_error) < 0.25 * rms(found.steps[1].heldout_error)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [HIDDEN, pytest.param(NOTHING, marks=pytest.mark.slow)], ids=lambda c: c.name)
 def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared) -> None:
     found, poses = run(case)

@@ -136,6 +136,7 @@ def test_dropped_parameters_name_the_kept_ones_they_repeat() -> None:
     assert (explained[20], explained[23], explained[7], explained[21]) == ((14,), (11,), (1,), (27,))
 
 
+@pytest.mark.long
 def test_repeated_trials_by_svd_agree_with_the_published_choices() -> None:
     best, counts = most_common_reduction(JOINT, np.random.default_rng(1), trials=20)
     assert sum(counts.values()) == 20

@@ -38,6 +38,7 @@ def test_growth_is_found_where_its_fit_overflowed() -> None:
     assert [f.candidate.name for f in found.findings] == ["thermal growth of the arm (temperature)"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "unit", "offset"),
     some([(0, "degC", 0.0), (1, "degC", 0.0), (2, "K", 273.15), (3, "K", 273.15)], (2, "K", 273.15)),

@@ -289,6 +289,7 @@ def test_no_more_poses_are_chosen_than_anybody_measures() -> None:
         choose_poses("irb6400r", 20, noise="1e300 mm")
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("input_name", ["last_move_J2", "stop_J3_", "lag_temperature_"])
 def test_causes_that_read_earlier_rows_are_rivals_at_new_poses(input_name: str) -> None:
     """New poses have no order: their earlier moves and temperatures are those of measured rows."""

@@ -101,6 +101,7 @@ def test_opens_offline_and_is_accessible(case: str) -> None:
     assert report.verdict in made.text
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("case", some(REPORTS, "gear", "calibrated", "evolved"))
 def test_pictures_take_their_colours_from_the_page_and_share_no_ids(case: str) -> None:
     every = drawings(case)

@@ -80,6 +80,7 @@ def test_causes_that_no_measurement_distinguishes_are_one_line() -> None:
     assert all(", J2" in name for name in line)
 
 
+@pytest.mark.long
 def test_one_kind_at_all_joints_is_no_cause_of_that_kind_at_one_joint() -> None:
     """Three compliances, which one joint group would describe at one price."""
     data, arm = bare(ARM, 60, 3, payload=False), mechanism(ARM)
@@ -122,6 +123,7 @@ def test_a_cause_is_one_whatever_the_constant_inside_and_keeps_what_it_contains(
     assert own.amount == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.long
 def test_one_stop_operator_has_a_name() -> None:
     """Friction in one joint without a declared direction of approach; other widths would describe nothing more."""
     data, arm = bare(ARM, 60, 3, payload=False, in_order=True), mechanism(ARM)

@@ -166,6 +166,7 @@ def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "drawn", [{}, *(pytest.param({"count": 80, "seed": s}, marks=pytest.mark.long) for s in (1, 2))]
 )
@@ -196,6 +197,7 @@ def test_an_innocent_robot_gets_nothing(seed: int) -> None:
     assert chosen(robot((), 60, seed)).kept == ()
 
 
+@pytest.mark.long
 def test_an_exact_table_gets_nothing_for_its_rounding() -> None:
     truth = measure(ARM, (), (), 1, dataset=bare(ARM, 60, 1, payload=False), noise=0.0)
     assert chosen(truth).kept == ()
