@@ -14,6 +14,9 @@ OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """Conversion factor and unit in which a list of numbers shows lengths and angles."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+DRIFTING_REPEATS = "repeats of a pose differ more the more rows are between them, as in a drift"
+"""Reason for which repeats are no measure of the noise."""
+
 UNKNOWN = "–"
 _TOGETHER = re.compile(r"(?<=\d) (?=%)|(?<=±) | (?=±)")
 """Spaces, as between number and unit, at which a line must not be broken."""

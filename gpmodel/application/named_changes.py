@@ -143,7 +143,7 @@ def _without_chance_changes(
             found.without(np.hstack([found.basis[:, :0], *spans[:k], *spans[k + 1 :]])) for k in range(len(spans))
         ]
         each = zip(chosen, others, strict=True)
-        chances = [c.corrected(c.beside(rest).chance_beside(left, rest.z)) for c, rest in each]
+        chances = [c.corrected(c.beside(rest).log_chance_beside(left, rest.z)) for c, rest in each]
         worst = int(np.argmax(chances))
         if chances[worst] < significance:
             break

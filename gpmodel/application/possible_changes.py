@@ -98,7 +98,7 @@ class PossibleChange:
         kept = s > 1e-9 * max(s[0], np.finfo(float).tiny)
         return u[:, kept], s[kept], v[kept]
 
-    def chance_beside(self, left: Recheck, z: Array) -> float:
+    def log_chance_beside(self, left: Recheck, z: Array) -> float:
         """Return the log probability that noise like the residual `left` makes the change as large as fitted to z.
 
         The noise may differ between poses and directions: with u the orthonormal columns of the change and e the

@@ -125,7 +125,7 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
     placed = _near(found, alone.placement)
-    judged = _Judged.of(placed, Stack.of(possible_changes(placed), len(placed.z)), significance)
+    judged = _Judged.of(placed, _offered(placed), significance)
     judged = _with_divided_rows(judged, found, significance)
     near, tried, named, left = judged.near, judged.tried, judged.named, judged.left
     moved = _moved_tools(saved, judged)
@@ -156,6 +156,11 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         explained=left.chance >= significance,
         complete=judged.complete,
     )
+
+
+def _offered(found: Recheck) -> Stack:
+    """Stack all possible changes at the whitened rows of a session."""
+    return Stack.of(possible_changes(found), len(found.z))
 
 
 @dataclass(frozen=True)
@@ -209,7 +214,7 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
         further, division = judged.known, divided(judged.near, known)
         if division is not None:
             same = division.found is judged.near
-            offered = judged.tried if same else Stack.of(possible_changes(division.found), len(division.found.z))
+            offered = judged.tried if same else _offered(division.found)
             tried = _Judged.of(division.found, offered.plus(division.changes), significance)
             in_rows = [change.name for change in tried.named if change.rows]
             better = tried.complete and tried.nats > judged.nats and not division.scattered

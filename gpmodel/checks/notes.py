@@ -23,6 +23,7 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.blocks import different_poses, repeats_drift
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import identifier, split_header
+from gpmodel.wording import DRIFTING_REPEATS
 
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
 """Residual of registration and tool, as a share of the workspace and as a length, m, from which other interpretations
@@ -233,15 +234,13 @@ def notes(
     if cut.any():
         rows = ", ".join(map(str, data.row[cut][:8].tolist()))
         yield f"{int(cut.sum())} rows lack some of x, y, z: {rows}{' ...' if cut.sum() > 8 else ''}"
-    known = "no repeated poses: the noise floor is unknown"
-    if floor is not None:
-        known = f"noise floor {1e3 * floor:.4f} mm RMS"
     if repeats_drift(data):
-        known = (
-            "repeats of a pose differ more the more rows are between them, as in a drift: the noise floor is unknown"
-        )
         floor = None
-    yield known
+        yield f"{DRIFTING_REPEATS}: the noise floor is unknown"
+    elif floor is None:
+        yield "no repeated poses: the noise floor is unknown"
+    else:
+        yield f"noise floor {1e3 * floor:.4f} mm RMS"
     if data.instrument is not None:
         stated = f"the instrument's specification, {data.instrument}, implies a noise of one coordinate of"
         expected = 1e3 * data.instrument.noise(data.position)

@@ -75,7 +75,7 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
         rows, series = poses.dataset.row[use], values[use]
         if len(series) < JUMP_ROWS:
             continue
-        series, walk = series - series.mean(), _walk(series)
+        walk = _walk(series)
         at = int(np.argmax(walk[:-1]))
         if best is None or walk[at] > best[0]:
             best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()), label)

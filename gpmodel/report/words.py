@@ -79,7 +79,7 @@ _SOURCES = {
 def noise_floor(report: Report) -> str:
     """State the noise floor and its source, or how to determine the noise floor."""
     if report.noise_from == "drift":
-        return "unknown: repeats of a pose differ more the more rows are between them, as in a drift"
+        return f"unknown: {wording.DRIFTING_REPEATS}"
     if report.noise_floor_mm is None:
         return "unknown: repeat some poses (a column 'repeat'), or give the noise of the instrument"
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
