@@ -32,7 +32,7 @@ from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.tool_point import find_lever, hang_payload
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.checks.judge import refuse
+from gpmodel.checks.judge import refuse, rounding_of
 from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined, effects_named
@@ -203,10 +203,11 @@ def distinct_poses(
 
 
 def _remarks(copied: int, final: Calibration, poses: Poses) -> Iterator[str]:
-    """Yield sentences on copied rows and on a large residual of the last fit."""
+    """Yield sentences on copied rows, a large residual of the last fit, and rounding that explains the residual."""
     if copied:
         yield f"Rows that copy the measurement of another row are left out: {copied}."
-    yield from (f"{poses.dataset.source}: {said}." for said in poor_fit(final, "the fit"))
+    said = (*poor_fit(final, "the fit"), *rounding_of(final, poses))
+    yield from (f"{poses.dataset.source}: {text}." for text in said)
 
 
 def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:

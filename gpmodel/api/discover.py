@@ -36,6 +36,7 @@ from gpmodel.application.over_causes import over_causes
 from gpmodel.application.true_loads import under_true_loads
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
+from gpmodel.checks.judge import rounding_of_table
 from gpmodel.discovery.folds import Loop, discover_by_folds
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.search import Search
@@ -169,11 +170,10 @@ def discover(
     geometry = _geometry(arm, standard)
     table = specified(read_table(table, arm), instrument)
     arm, poses, known, note = _placed(arm, table, geometry, _type_of(like, joints))
-    offers = _checked_offers(offers, arm, poses.states)
     stated = _stated(noise, poses.dataset)
-    handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
-    run = partial(run_loop, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
-                  condition_limit=check_limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
+    fitted = (*geometry, *(effect for _, effects in measured_joints(joints, arm) for effect in effects))
+    run = partial(run_loop, condition_limit=check_limit(condition_limit, "condition_limit", 1.0), criteria=criteria,
+                  candidates=_checked_offers(offers, arm, poses.states), standard=fitted, seed=seed)  # fmt: skip
     started = partial(_started, known, arm)
     whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
     fraction, parts = _split(holdout, folds, poses.dataset)
@@ -184,6 +184,7 @@ def discover(
         else:
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(FOLD_SEED)))
     made = Origin(command, seed, found.seconds, stated(found.final.weights))
+    note = f"{rounding_of_table(arm, poses, geometry)} {note}".strip()
     return DiscoveryResult(over_causes(found), made, note, alone_steps(found) if known else None)
 
 

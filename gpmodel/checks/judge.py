@@ -90,7 +90,7 @@ def check_dataset(
         wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     sizes = [Remark(*said) for said in scaled(fit, poses)]
-    warnings = [Remark("warning", text) for text in (*warnings_of(mechanism, poses, fit), *_rounded(fit, poses))]
+    warnings = [Remark("warning", text) for text in (*warnings_of(mechanism, poses, fit), *rounding_of(fit, poses))]
     said = notes(mechanism, poses, (bare, fit), noise_floor(data))
     sampled = (f"tested on {len(rows)} of {len(data)} rows, in equally spaced blocks",) if many else ()
     remarks = [*wrong, *sizes, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
@@ -111,13 +111,20 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
             yield f"{text}. With compliances and smooth errors of the joints, {1e3 * left:.3g} mm remain", ""
 
 
-def _rounded(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """Yield a warning if rounding of the table explains the residual of the standard model."""
+def rounding_of(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """Yield a warning if rounding of the table explains the residual of a fit."""
     mechanism, seen = fit.model.mechanism, resolved(fit, poses)
     values = measured_values(seen.dataset)
     freedom = max(values - unknowns(mechanism, seen.dataset, fit.model.effects), 1)
     left = root_mean_square(fit.fitted_error) * np.sqrt(values / freedom)
     yield from rounded(mechanism, observe(fit.model, seen, fit.theta, fit.placement), seen.dataset, left, freedom)
+
+
+def rounding_of_table(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) -> str:
+    """Return a sentence if rounding explains the residual of the standard model, or an empty text; as in a check."""
+    part = poses.subset(evenly(len(poses)))
+    said = rounding_of(calibrate(ErrorModel(mechanism, standard), part), part)
+    return " ".join(f"{poses.dataset.source}: {text}." for text in said)
 
 
 def evenly(count: int) -> IntArray:

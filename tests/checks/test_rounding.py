@@ -48,6 +48,17 @@ def test_rounding_is_the_cause_of_a_residual_of_its_size_alone(case: str) -> Non
     assert ("rounding" in said) is lost
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_discover_and_calibrate_repeat_the_warning_of_rounding(lost: bool) -> None:
+    arm, made = robot(60, 3, "ur5")
+    data = replace(made.dataset, q=to_digits(made.dataset.q, np.radians(0.1))) if lost else made.dataset
+    [warning] = [f.text for f in check(arm, data).findings if "rounding explains" in f.text] or [""]
+    found = gp.discover(arm, data, search=gp.Search(runs=0), candidates=(), folds=2)
+    for record in (found.record, gp.calibrate(arm, data).record):
+        assert bool(warning) is lost is ("rounding explains the residual: joint values are rounded" in record.verdict)
+    assert warning in found.record.verdict
+
+
 LATER: dict[str, tuple[float, bool, float, str | None]] = {
     "rounded to 0.1 deg": (0.1, True, 0.0, None),
     "commanded whole degrees": (1.0, False, 0.0, "holds"),
