@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import inlined
+from gpmodel.evolution.kernels.differentiation import differentiated
 from gpmodel.evolution.kernels.machine import CONSTANT
 
 
@@ -56,33 +57,9 @@ def execute(words: IntArray, count: int, constants: Array, rows: Array, base: in
         elif code == 13:
             for j in range(width):
                 rows[r, j] = 1.0 if rows[a, j] == 0.0 else 0.0
-        elif code == 14:
-            for j in range(width):
-                rows[r, j] = math.sin(rows[a, j])
-        elif code == 15:
-            for j in range(width):
-                rows[r, j] = math.cos(rows[a, j])
-        elif code == 16:
-            for j in range(width):
-                rows[r, j] = math.tan(rows[a, j])
-        elif code == 17:
-            for j in range(width):
-                rows[r, j] = math.atan(rows[a, j])
-        elif code == 18:
-            for j in range(width):
-                rows[r, j] = math.exp(rows[a, j])
-        elif code == 19:
-            for j in range(width):
-                rows[r, j] = math.log(abs(rows[a, j]))
-        elif code == 20:
-            for j in range(width):
-                rows[r, j] = math.tanh(rows[a, j])
-        elif code == 21:
-            for j in range(width):
-                rows[r, j] = math.asin(rows[a, j])
-        elif code == 22:
-            for j in range(width):
-                rows[r, j] = 1.0 / rows[a, j]
         elif code == CONSTANT:
             for j in range(width):
                 rows[r, j] = constants[a]
+        else:
+            for j in range(width):
+                rows[r, j] = differentiated(code, rows[a, j], rows[b, j])[0]
