@@ -17,6 +17,7 @@ from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, un
 from gpmodel.checks.rounding import computed, rounded, written_to_a_digit
 from gpmodel.checks.scales import scaled
 from gpmodel.checks.smooth_errors import unexplained
+from gpmodel.checks.two_machines import two_machines
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
 from gpmodel.checks.weak_columns import misread_column
 from gpmodel.errors import InputError
@@ -64,8 +65,9 @@ def check_dataset(
 
     standard: the geometric constants to fit (default: all). With more than 2000 rows, fits use stretches of rows spread
     evenly over the table, and a note states their number. Errors: joint values beyond limits, wrong units
-    or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `another_lens` and
-    `warnings_of`; `built_wrong` and `poor_fit` if no lens is wrong. Notes on the table: see the function `notes`.
+    or columns, equal poses, fewer measured values than unknowns, computed positions, two machines. Warnings: see
+    `another_lens` and `warnings_of`; `built_wrong` and `poor_fit` if no lens is wrong. Notes on the table: see the
+    function `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -82,6 +84,8 @@ def check_dataset(
         tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
+    if several := [Remark("error", f"{data.source}: {text}") for text in two_machines(fit, poses)]:
+        return several
     another = f"the description of {mechanism.name} does not match the measurements"
     if lens := another_lens(fit, poses):
         wrong = [Remark("warning", lens, "a lens does not match the images" if [*poor_fit(fit)] else "")]
@@ -140,6 +144,11 @@ def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | No
     standard = geometric_effects(mechanism) if standard is None else standard
     for text in chain(_errors(mechanism, poses.dataset, standard), _unsound(mechanism, poses)):
         raise InputError(text)
+    part = poses.subset(evenly(len(poses)))
+    bare = calibrate(ErrorModel(mechanism, ()), part)
+    fit = calibrate(ErrorModel(mechanism, standard), part, start=without_outlier_marks(bare))
+    for text in two_machines(fit, part):
+        raise InputError(f"{poses.dataset.source}: {text}")
 
 
 def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
