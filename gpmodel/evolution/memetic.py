@@ -1,4 +1,4 @@
-"""Breeding of formulas at one site: crossover, composition and single edits, with fits of constants.
+"""Breeding of formulas at one site: composition, products, sums and single edits, with fits of constants.
 
 An individual is an expression with one output. The coefficient of an expression is solved by projection, and its
 constants are fitted by variable projection (``constants.polish``). Offspring are compared by the net gain, nats, with
@@ -10,7 +10,7 @@ Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable p
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial, reduce
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.shorter import replaced, scaled_in, shorter_forms
 from gpmodel.formula.expression import parse
-from gpmodel.formula.program import Builder, Node, Program, description_size
+from gpmodel.formula.program import Node, Program, description_size
 
 LONGEST = 30
 """Largest number of nodes of an evolved formula."""
@@ -137,7 +137,7 @@ def evolve_formulas(population: Formulas, names: Sequence[str], generations: int
     elements = {name: ELEMENTS.on_grid(column[None])[0] for name, column in varying if np.ptp(column) > 0}
     for population.generation in range(1, generations + 1):
         parents = [one.program for one in population.best(PARENTS)]
-        population.add(_offspring(population, parents, names, elements))
+        population.add(_offspring(population, parents, elements))
         shortened(population)
         if population.nats() < before + IMPROVED or population.problem.is_over():
             break
@@ -159,9 +159,7 @@ def _promising(problem: SlotProblem, one: Solution, most: float) -> Iterator[Pro
             yield shorter
 
 
-def _offspring(
-    population: Formulas, parents: Sequence[Program], names: Sequence[str], elements: Mapping[str, Array]
-) -> list[Program]:
+def _offspring(population: Formulas, parents: Sequence[Program], elements: Mapping[str, Array]) -> list[Program]:
     """Return the most promising offspring. elements: {input: values (elements, poses) of the elements of the input}."""
     trials: list[Trial] = []
     for program in itertools.takewhile(lambda _: not population.problem.is_over(), parents):
@@ -169,9 +167,8 @@ def _offspring(
         trials += _composed(population, program, values)
         for name, of_input in itertools.takewhile(lambda _: not population.problem.is_over(), elements.items()):
             trials += _joined(population, program, values, name, of_input)
-        trials += _tilted(population, program, names)
     best = sorted(trials, key=lambda trial: -trial.nats)[:OFFSPRING]
-    return [trial.build() for trial in best] + list(_crossed(parents))
+    return [trial.build() for trial in best]
 
 
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[Trial]:
@@ -208,72 +205,6 @@ def added(problem: SlotProblem, first: Program, second: Program) -> Program:
     columns = problem.inputs.mapping()
     one, other = problem.targets.set_gain(np.vstack([first.evaluate(columns), second.evaluate(columns)]), 0)[1].tolist()
     return combine("add", first, combine("multiply", constant(other / (one or 1.0)), second))
-
-
-def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Iterator[Trial]:
-    """Yield formulas in which a multiple of an input is added to a leaf, sized by the derivative of the formula."""
-    problem, columns = population.problem, population.columns
-    values = program.evaluate(columns)[0]
-    for index, node in enumerate(program.nodes):
-        if node.arguments:
-            continue
-        moved = replaced(program, {index: partial(_plus, node, "z")})
-        slope = _slope(moved, columns)
-        others = [name for name in names if name != node.value]
-        if slope is None or not others:
-            continue
-        tangents = slope * np.array([columns[name] for name in others])
-        gains = problem.targets.gains([values[None], tangents])
-        for name, tangent, gain in zip(others, tangents, gains.tolist(), strict=True):
-            nats = float(problem.nats(gain, program.complexity + 5))
-
-            def build(name: str = name, tangent: Array = tangent, moved: Program = moved) -> Program:
-                one, other = problem.targets.set_gain(np.vstack([values, tangent]), 0)[1].tolist()
-                term = combine("multiply", constant(other / one if one else 0.1), parse(repr(name)))
-                return moved.with_inputs({"z": term})
-
-            yield Trial(nats, build)
-
-
-def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
-    """Return the derivative of a program with respect to its input z, at z = 0, by pose; None if zero or not finite."""
-    step = 1e-6
-    ends = [
-        moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)
-    ]
-    with np.errstate(all="ignore"):
-        slope = (ends[0] - ends[1]) / (2.0 * step)
-    return slope if np.isfinite(slope).all() and np.any(slope) else None
-
-
-def _plus(leaf: Node, name: str, builder: Builder, copies: list[int]) -> int:
-    return builder.apply("add", builder.add(leaf, copies), builder.input(name))
-
-
-def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
-    """Yield products and sums of a formula in which one factor or term is replaced by that of another formula."""
-    for one, other in itertools.permutations(parents[:4], 2):
-        operator, parts = _parts(one)
-        for k, part in itertools.product(range(len(parts)), _parts(other)[1]):
-            changed = [*parts[:k], part, *parts[k + 1 :]]
-            if len(parts) > 1 and part not in parts:
-                yield reduce(partial(combine, operator), changed)
-
-
-def _parts(program: Program) -> tuple[str, list[Program]]:
-    """Return the operator of a product or sum, and its factors or terms."""
-    operator = program.nodes[program.outputs[0]].operator
-    if operator not in ("multiply", "add"):
-        return "multiply", [program]
-    pending, parts = [program.outputs[0]], []
-    while pending:
-        node = program.nodes[pending.pop()]
-        for k in node.arguments:
-            if program.nodes[k].operator == operator:
-                pending.append(k)
-            else:
-                parts.append(Builder(list(program.nodes)).program([k]))
-    return operator, parts
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
