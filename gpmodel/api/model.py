@@ -143,6 +143,8 @@ class Model(Shown):
         Raises InputError for a table without joint values or positions, or for targets that do not fit the model.
         """
         degrees = check_number(max_move, "max_move", 0.0, 360.0)
+        if is_program(targets) and (program := read_program(Path(str(targets)))).corrected:
+            raise InputError(f"{program.name}: its joint targets are corrected; expected the program before correction")
         session, in_order = check_bool(session, "session"), check_bool(in_order, "in_order")
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets", self.saved.convention)
         rng = np.random.default_rng(check_integer(seed, "seed"))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from gpmodel.application.changed_model import with_changes
 from gpmodel.application.divided_rows import divided
@@ -42,6 +43,9 @@ complete if the remaining chi-square is not significant, or at most this share."
 COMPUTED = 0.02
 """Residual, in units of the noise of the fit, below which positions were computed from the model: no later instrument
 has a fiftieth of the noise."""
+EQUAL, UNMEASURED = 1e-9, 1e12
+"""Largest difference, SI units, of values of one measurement that is written in other units, and the number in place of
+a missing value. A measurement repeated on a machine differs by its noise, more than ten times as much."""
 DIVISIONS = 3
 """Largest number of divisions of the rows that are sought for one table. Two suffice for nearly all tables."""
 FAR = 5e-4
@@ -96,11 +100,11 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
     there = {**known.readings, **known.distances}
     shared = sorted(set(here) & set(there))
     fitted, rows = (
-        [row.tobytes() for row in np.column_stack([d.q, d.position, d.rotation, *(v[name] for name in shared)]) + 0.0]
+        np.nan_to_num(np.column_stack([d.q, d.position, d.rotation, *(v[name] for name in shared)]), nan=UNMEASURED)
         for d, v in ((known, there), (dataset, here))
     )
-    before = set(fitted)
-    fresh = every[[rows[k] not in before for k in every]]
+    apart = KDTree(fitted).query(rows, p=np.inf, distance_upper_bound=EQUAL)[0]
+    fresh = every[apart[every] > EQUAL]
     if not len(fresh):
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
     return fresh

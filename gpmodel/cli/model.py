@@ -1,10 +1,12 @@
 """Commands that use a fitted model (model.json): predict, compensate, export, verify."""
 
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 
 import click
 
+from gpmodel.api.certificate import certificate as certify
 from gpmodel.api.model import Point, load_model, model_file
 from gpmodel.api.verify import NextCheck, verify_next
 from gpmodel.api.verify import verify as judge
@@ -244,7 +246,10 @@ def verify(
         )
     deliver(found, folder, quiet)
     if folder is not None and not quiet:
-        echo(f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {shell_quoted(folder)}  its certificate")
+        echo(f"page: {folder / 'verify.html'}")
+        with suppress(InputError):
+            certify(found)
+            echo(f"next:\n  gpmodel certificate {shell_quoted(folder)}  its certificate")
     return 0 if found.passed else CHANGED
 
 

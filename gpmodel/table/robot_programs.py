@@ -30,7 +30,9 @@ DECIMALS = 9
 LARGEST_FILE = 32 << 20
 """Largest size of a robot program, bytes: a hundred thousand points."""
 MARK = "gpmodel:"
-"""First word of the comments that are written into a program. Such comments of an earlier run are replaced."""
+"""First word of the comments that are written into a program."""
+CORRECTED_BY = "corrected by gpmodel for "
+"""Words of the comment in a program whose joint targets are corrected, upper or lower case."""
 NO_AXIS = 8e9
 """Value from which a RAPID program has no external axis: 9E9."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -89,6 +91,11 @@ class RobotProgram:
     points: tuple[Mapping[str, Numeral], ...]
     lines: tuple[int, ...]
     cartesian: int
+
+    @property
+    def corrected(self) -> bool:
+        """True if a comment states that `compensate` wrote the program; comments of Fanuc's programs do not."""
+        return CORRECTED_BY in self.text.lower()
 
     def number(self, place: Numeral) -> float:
         """Return the number at a place of the text."""
@@ -286,12 +293,11 @@ def _written(number: float, before: str) -> str:
 
 
 def _with_notes(text: str, language: str, notes: Sequence[str]) -> str:
-    """Add comments below the first line of a program, in place of those of an earlier run."""
+    """Add comments below the first line of a program."""
     sign = _COMMENT[language]
     if not sign:
         return text
     end = "\r\n" if "\r\n" in text else "\n"
-    text = re.sub(rf"(?m)^[ \t]*{sign} {MARK}[^\n]*\n", "", text)
     start = _START[language].search(text)
     place = start.end() if start else 0
     said = "".join(f"{sign} {MARK} {note}{end}" for note in notes).encode("ascii", "replace").decode()

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import numbers, one_line, run, table, write
@@ -25,6 +26,14 @@ def test_rows_of_the_fit_alone_are_refused(model: Path, old: slice, tmp_path: Pa
     assert "is the table the model was fitted to" in one_line(run("verify", model, part), 2)
 
 
+def test_rows_of_the_fit_in_other_units_are_refused(model: Path) -> None:
+    numbers_ = EVERY.astype(float)
+    other = {c.replace("[mm]", "[m]"): numbers_[c] / 1e3 for c in POINTS}
+    other |= {c.replace("[deg]", "[rad]"): np.radians(numbers_[c]) for c in numbers_.columns if "[deg]" in c}
+    with pytest.raises(gp.InputError, match="is the table the model was fitted to"):
+        gp.verify(model, pd.DataFrame(other).iloc[:55])
+
+
 @pytest.mark.long
 def test_rows_of_the_fit_among_later_ones_are_left_out_and_counted(model: Path) -> None:
     mixed = gp.verify(model, EVERY.iloc[45:])
@@ -40,6 +49,13 @@ def test_positions_that_the_model_computed_are_refused(model: Path, tmp_path: Pa
     made = pd.concat([joints.reset_index(drop=True), own[POINTS].astype(float).round(3)], axis=1)
     said = one_line(run("verify", model, write(made, tmp_path / "own.csv")), 2)
     assert "the positions were computed, not measured" in said
+
+
+def test_a_certificate_is_offered_where_it_is_not_refused(model: Path, tmp_path: Path) -> None:
+    for name, made in (("measured", EVERY), ("exact", table(80, noise=0.0))):
+        said = run("verify", model, write(made.iloc[55:], tmp_path / f"{name}.csv"), "--out", tmp_path / name).output
+        refused = run("certificate", tmp_path / name).exit_code
+        assert (f"gpmodel certificate {tmp_path / name}" in said) == (name == "measured") == (refused == 0)
 
 
 def test_positions_that_the_controller_computed_are_refused(model: Path) -> None:

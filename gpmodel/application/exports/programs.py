@@ -22,7 +22,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.numerics import se3
 from gpmodel.table.convention import Convention
-from gpmodel.table.robot_programs import AXES, NO_AXIS, RobotProgram, fields_of, rewritten
+from gpmodel.table.robot_programs import AXES, CORRECTED_BY, NO_AXIS, RobotProgram, fields_of, rewritten
 from gpmodel.table.units import factor, split_header
 
 Language = Literal["RAPID", "KRL"]
@@ -69,7 +69,7 @@ def rewritten_text(
             f"{program.name}, line {program.lines[lost[0]]}: {status} ({len(lost)} of {len(q)} targets); expected "
             "targets that can be corrected, or --out TABLE.csv to see all"
         )
-    made = f"{len(q)} joint targets corrected by gpmodel for {mechanism.name}."
+    made = f"{len(q)} joint targets {CORRECTED_BY}{mechanism.name}."
     unchanged = [f"{program.cartesian} Cartesian positions are NOT corrected."] * bool(program.cartesian)
     lines = dict[str, list[int]]()
     for line, status in zip(program.lines, corrected["status"], strict=True):
@@ -95,7 +95,7 @@ def program_text(
         raise InputError(f"none of the {len(q)} targets has corrected joint values; expected at least one")
     name = re.sub(r"\W", "_", name, flags=re.ASCII)[:NAME]
     name = name if name[:1].isalpha() else f"p_{name}"[:NAME]
-    made = f"Corrected by gpmodel for {mechanism.name}."
+    made = f"{CORRECTED_BY.capitalize()}{mechanism.name}."
     notes = [harmless(line) for line in (made, *convention_notes(convention), *_said(there, status))]
     write = _rapid if language == "RAPID" else _krl
     frames = se3.chain(mechanism.transforms(q[there]))[-1]
