@@ -104,7 +104,7 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
         for d, v in ((known, there), (dataset, here))
     )
     apart = KDTree(fitted).query(rows, p=np.inf, distance_upper_bound=EQUAL)[0]
-    fresh = every[apart[every] > EQUAL]
+    fresh: IntArray = every[apart[every] > EQUAL]
     if not len(fresh):
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
     return fresh
