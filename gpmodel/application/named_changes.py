@@ -41,6 +41,7 @@ class NamedChange:
     probable first.
     shares: posterior probabilities of the change and of the rivals.
     rows: rows of the table with the changed value, if the other rows do not have it; empty for a change of all rows.
+    of_the_model: True for an error of the model, which the poses of its fit do not exclude; it is no change.
     """
 
     name: str
@@ -52,6 +53,12 @@ class NamedChange:
     rivals: tuple[str, ...]
     shares: tuple[Share, ...] = ()
     rows: tuple[int, ...] = ()
+    of_the_model: bool = False
+
+    @property
+    def of_the_machine(self) -> bool:
+        """True if the machine has changed, not the set-up, and not what is known of the machine."""
+        return self.kind != SET_UP and not self.of_the_model
 
     @property
     def divides(self) -> bool:

@@ -14,9 +14,10 @@ from scipy.spatial import KDTree
 from gpmodel.application.changed_model import with_changes
 from gpmodel.application.divided_rows import divided
 from gpmodel.application.kinematics import tips
+from gpmodel.application.model_errors import since_the_fit
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import MOST, SIGNIFICANCE, NamedChange, Visible, changes, suspected, visible
-from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
+from gpmodel.application.possible_changes import PossibleChange, possible_changes
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, refitted, settled
 from gpmodel.application.stacked_changes import Stack
 from gpmodel.application.usable import at_end, out_of_range, usable
@@ -135,8 +136,8 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     moved = _moved_tools(saved, judged)
     session = found.session
     verdict: Verdict = "holds"
-    of_the_machine = tuple(c for c in named if c.kind != SET_UP)
-    if moved or of_the_machine or left.chance < significance:
+    named = since_the_fit(saved, near, named, tried.changes, significance)
+    if moved or any(c.of_the_machine for c in named) or left.chance < significance:
         residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         verdict = "another machine" if useless and not judged.complete else "drifted"
@@ -222,13 +223,21 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
             tried = _Judged.of(division.found, offered.plus(division.changes), significance)
             in_rows = [change.name for change in tried.named if change.rows]
             better = tried.complete and tried.nats > judged.nats and not division.scattered
-            if better and in_rows and division.determines(in_rows):
+            if better and in_rows and division.determines(in_rows) and _within_ranges(found, tried.named):
                 return tried
             further = tried.known or further
         if [change.name for change in further] == [change.name for change in known]:
             break
         known = further
     return judged
+
+
+def _within_ranges(found: Recheck, named: Sequence[NamedChange]) -> bool:
+    """Return whether every division of the rows has a row within the ranges of the model: beyond, the model is none."""
+    session = found.session
+    beyond = out_of_range(session.saved, session.poses.states.seen_at(session.observed.tip[:, :3, 3]))
+    inside = {row for row, text in zip(session.poses.dataset.row.tolist(), beyond, strict=True) if not text}
+    return all(not inside.isdisjoint(change.rows) for change in named if change.rows)
 
 
 def _check_units(saved: SavedModel, dataset: Dataset) -> None:

@@ -57,20 +57,24 @@ def sentences(record: Verification) -> Iterator[str]:
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
-    lasting = [found for found in record.changes if found.kind != SET_UP]
+    lasting = [found for found in record.changes if found.of_the_machine]
     only_tool = record.explained and lasting and all(f.kind == "tool" or f.name.startswith(SLIPPED) for f in lasting)
     drifted = "The tool or its load has changed, not the machine" if only_tool else "The machine has drifted"
-    drifted = drifted if record.changes else "The model does not hold"
+    drifted = drifted if lasting else "The model does not hold"
     answer = {"holds": "The model holds", "drifted": drifted}.get(
         record.verdict, "This is another machine, or many parts of the machine have changed"
     )
     yield " ".join([*_rows_apart(record), f"{answer}: {after} RMS on {record.data.counted} measured afterwards."])
     yield f"Expected: {promised}. Nominal geometry at the driven joint values: {without}."
     for found in record.changes:
-        what = "Set-up or instrument changed, not the machine" if found.kind == SET_UP else "Changed"
-        yield f"{what}: {change(found)}."
+        yield f"{_what(found)}: {change(found)}."
         if found.rows:
             yield "The other rows do not have this change."
+    if any(found.of_the_model for found in record.changes):
+        yield (
+            "The poses of the fit do not exclude these errors of the model, so that they show no change of the "
+            "machine; fit a model to both tables."
+        )
     if lasting and record.explained:
         explains = "This change explains" if len(lasting) == 1 else "These changes explain"
         yield f"{explains} the error; nothing else has changed."
@@ -83,6 +87,13 @@ def sentences(record: Verification) -> Iterator[str]:
             "of machine."
         )
     yield from filter(None, [tolerance(record)])
+
+
+def _what(found: NamedChange) -> str:
+    """Return the first words of a sentence on a change: set-up, machine, or an error of the model."""
+    if found.kind == SET_UP:
+        return "Set-up or instrument changed, not the machine"
+    return "Error of the model, no change" if found.of_the_model else "Changed"
 
 
 def _rows_apart(record: Verification) -> Iterator[str]:
@@ -156,7 +167,8 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
             f"{sizes[1]} mrad RMS by nominal geometry, {sizes[0]} by the model{there}",
         )
     for found in record.changes:
-        yield "changed", f"{change(found)}; chance {wording.chance(found.chance)}"
+        heading = "error of the model" if found.of_the_model else "changed"
+        yield heading, f"{change(found)}; chance {wording.chance(found.chance)}"
     if record.missed.known:
         yield "errors at the compensated targets", _errors(record, record.missed)
     if record.instrument is not None:
