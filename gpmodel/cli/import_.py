@@ -90,6 +90,8 @@ def import_table(
         made, read = camera_or_corners(file, joints, size), ("joints", "square")
     elif is_figaroh(file):
         made, read = _mapped(files, figaroh_map(file, mechanism), ""), ("mechanism",)
+    elif not file.exists():
+        raise InputError(f"{file}: cannot be read (No such file or directory); expected a file to import")
     else:
         raise InputError(f"{file}: unknown layout; expected --map MAP.toml, or --guess with --mechanism M")
     if surplus := [name for name, value in given.items() if value is not None and name not in read]:

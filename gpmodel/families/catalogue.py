@@ -242,10 +242,17 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
         return found
     if first not in names():
         raise InputError(f"effect '{name}' is unknown; available: {choices(first, names())}")
-    instances = choices(name, (c.name for c in pool if c.family == first)) or "none on this mechanism and table"
+    named = [c.name for c in pool if c.family == first]
+    instances = choices(name, named) if named else _none(states)
     raise InputError(
         f"effect '{name}' does not exist for {mechanism.name} and the table; effects of {first}: {instances}"
     )
+
+
+def _none(states: States) -> str:
+    """State that a family has no effect, and the missing loads if the mechanism and the table have no masses."""
+    loaded = any(states[name].any() for name in states.loads if name in states.columns)
+    return "none" if loaded else "none; loads are unknown without masses of the links or a payload"
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:

@@ -91,6 +91,10 @@ IMPORTS: dict[str, tuple[dict[str, str], tuple[str, ...], str]] = {
 }
 
 
+def test_a_missing_file_is_no_unknown_layout(tmp_path: Path) -> None:
+    assert "nofile.jbi: cannot be read" in one_line(run("import", tmp_path / "nofile.jbi", "--out", "made.txt"), 2)
+
+
 @pytest.mark.parametrize("case", IMPORTS)
 def test_a_bad_import_is_one_line_and_writes_nothing(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

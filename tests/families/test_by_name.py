@@ -69,6 +69,14 @@ def test_names_that_mean_nothing_here(name: str, said: str) -> None:
         effects_named(name, MECHANISM, STATES)
 
 
+def test_an_effect_of_unknown_loads_names_the_missing_masses(tmp_path: Path) -> None:
+    text = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(re.sub(r"(?m)^(mass|com)_.*\n", "", text), encoding="utf-8")
+    arm, made = robot(20, name=str(tmp_path / "arm.toml"))
+    with pytest.raises(InputError, match="none; loads are unknown without masses of the links or a payload"):
+        effects_named("joint_compliance J2", arm, prepare(arm, made.dataset).states)
+
+
 def test_a_joint_whose_name_is_a_number_is_meant_by_it(tmp_path: Path) -> None:
     """In code such a name begins with an underscore; a number may also be the order of a harmonic."""
     text = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
