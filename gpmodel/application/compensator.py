@@ -45,7 +45,7 @@ def cartesian_task(
     def heldout(program: Program) -> float:
         if not program.outputs:
             return 0.0
-        return 1.0 - float(other.norm_of(program.evaluate(other.inputs.mapping()))) / other.initial_norm
+        return 1.0 - other.norm_of(program.evaluate(other.inputs.mapping())) / other.initial_norm
 
     return TrainingProblem(problem, heldout)
 

@@ -25,7 +25,8 @@ class Generations:
         if isinstance(problem, CartesianProblem) and self.layout.outputs != 3:
             raise InputError(f"outputs: {self.layout.outputs}, a compensator has 3")
         self.fixed = self.layout.fixed_rows(problem.inputs.values)
-        self.record, self.archive, self.generation, self.idle = np.inf, Archive(), -1, 0
+        self.cutoff, self.record = np.inf, np.inf
+        self.archive, self.generation, self.idle = Archive(), -1, 0
 
     @property
     def is_stuck(self) -> bool:
@@ -48,8 +49,9 @@ class Generations:
         self.record = min(self.record, best)
         return self.archive.add(self.population, self.scores)
 
-    def scored(self, population: Population, known: Scores | None = None) -> Scores:
-        """Return the scores of a population of programs; scores of effective code in ``known`` are reused."""
+    def scored(self, population: Population, cutoff: float = np.inf, known: Scores | None = None) -> Scores:
+        """Return the scores of a population of programs; scores of effective code in ``known`` are reused. cutoff:
+        score above which a program may get an infinite score."""
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)
 
@@ -57,14 +59,14 @@ class Generations:
             part = slice(begin, begin + self.problem.slice)
             code = population.decoded(self.layout, part)
             if known is None or order is None:
-                found.fill(part, self.problem.scores(code, self.fixed))
+                found.fill(part, self.problem.scores(code, self.fixed, cutoff))
                 continue
             same = order[np.minimum(np.searchsorted(known.hashes, code.hashes, sorter=order), len(order) - 1)]
             met = known.hashes[same] == code.hashes
             old, new = np.flatnonzero(met), np.flatnonzero(~met)
             found.fill(begin + old, known.take(same[old]))
             if len(new):
-                found.fill(begin + new, self.problem.scores(code.take(new), self.fixed))
+                found.fill(begin + new, self.problem.scores(code.take(new), self.fixed, cutoff))
 
         return found
 
@@ -75,9 +77,24 @@ class Generations:
 
     def next_generation(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
         """Breed the next population of programs; return the population and its scores."""
+        count = self.budget.population
         mothers, fathers = self.selection.parents(scores, self.rng)
         children = self.representation.offspring(self.layout, population, mothers, fathers, self.rng)
-        found = self.scored(children, scores)
+        few = self.selection.eligible(count)
+        early = few < count and isinstance(self.problem, CartesianProblem) and self.problem.can_stop_early
+        found = self.scores_of_eligible(children, few) if early else self.scored(children, known=scores)
         both = scores.join(found)
-        keep = self.selection.survivors(both, self.budget.population)
+        keep = self.selection.survivors(both, count)
         return (children, found) if keep is None else (population.join(children).take(keep), both.take(keep))
+
+    def scores_of_eligible(self, children: Population, few: int) -> Scores:
+        """Return scores in which programs too bad to be selected may be infinite, which does not change the selection.
+
+        Computing the maximum error over many poses stops once the error exceeds a limit, taken from the generation
+        before. If fewer than ``few`` programs are below the limit, all programs are scored without a limit.
+        """
+        found = self.scored(children, self.cutoff)
+        if np.count_nonzero(found.score <= self.cutoff) < few:
+            found = self.scored(children)
+        self.cutoff = float(np.partition(found.score, few - 1)[few - 1])
+        return found

@@ -114,7 +114,7 @@ def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):
         initial = problem.initial_norm
-        gain = 1.0 - float(problem.norm_of(values)) / initial if len(values) else 0.0
+        gain = 1.0 - problem.norm_of(values) / initial if len(values) else 0.0
         return Solution(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
     targets = problem.targets
     gain, coefficients = targets.set_gain(values, site)

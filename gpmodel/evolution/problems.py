@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.evolution.code import Code, Scores
 from gpmodel.evolution.description_length import fit_nats, ranked
-from gpmodel.evolution.engine import values
+from gpmodel.evolution.engine import BLOCK, compensator_fitness, values
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.scoring import projected_scores
 
@@ -91,18 +91,22 @@ class CartesianProblem:
         if self.measured.shape != (3, self.inputs.values.shape[1]) or not np.all(np.isfinite(self.measured)):
             raise InputError("measured: expected finite points, one column (x, y, z) a pose")
 
+    @property
+    def can_stop_early(self) -> bool:
+        """True if scoring a program may stop at a limit of the error."""
+        return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
+
     @cached_property
     def initial_norm(self) -> float:
         """Norm of the distances of the model's points from the measured points, without compensation."""
-        return float(self.norm_of(self.inputs.select(COORDINATES).values))
+        return self.norm_of(self.inputs.select(COORDINATES).values)
 
-    def norm_of(self, points: Array) -> Array:
-        """Return the norm (largest or RMS) of the distances of points (..., 3, poses) from the measured points, in the
-        unit of ``measured``; infinite if a point is not finite. Source: Robertson (2003), Fig 5.5."""
+    def norm_of(self, points: Array) -> float:
+        """Return the norm (largest or RMS) of the distances of points (3, poses) from the measured points, in the unit
+        of ``measured``; not finite if a point is not."""
         with np.errstate(all="ignore"):
-            squares = np.square(points - self.measured).sum(axis=-2)
-            found = np.sqrt(squares.max(axis=-1) if self.norm == "max" else squares.mean(axis=-1))
-        return np.asarray(np.nan_to_num(found, nan=np.inf, posinf=np.inf))
+            squares = np.square(points - self.measured).sum(axis=0)
+        return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
 
     def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
         """Return the problem with the errors (measured minus model) permuted over the poses."""
@@ -110,12 +114,12 @@ class CartesianProblem:
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
         return replace(self, measured=model + error)
 
-    def scores(self, code: Code, fixed: Array) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the scores of decoded programs: norm of the residual + parsimony * nodes. The gain of a program is 1 -
-        norm / initial norm. fixed: values (rows, poses) of inputs and constants."""
+        norm / initial norm. fixed: values (rows, poses) of inputs and constants. Scores above ``cutoff`` may be inf."""
         from gpmodel.evolution.kernels.batch import sizes_by_outputs
 
-        fitness = self.norm_of(values(code, fixed))
+        fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self.initial_norm
@@ -150,7 +154,7 @@ class SlotProblem:
         """Restrict the search problem to one site and to the inputs of given names."""
         return replace(self, inputs=self.inputs.select(names), targets=self.targets.only(site))
 
-    def scores(self, code: Code, fixed: Array) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the description length and gain of decoded programs at their best site."""
         return projected_scores(values(code, fixed), code, len(fixed), self.targets, self.parsimony)
 

@@ -176,7 +176,7 @@ class QuotientProblem(SlotProblem):
 
     response: Array = field(default_factory=lambda: np.zeros(0))
 
-    def scores(self, code: Code, fixed: Array) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return description length and gain of decoded programs; each output may enter a quotient's numerator and
         denominator."""
         outputs = values(code, fixed).copy()

@@ -48,7 +48,12 @@ def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Ev
 
 
 def _search(problem: Problem, run: Generations) -> Evolution:
-    budget, archive, log = run.budget, run.archive, list[dict[str, float]]()
+    from deap import tools
+
+    budget, archive = run.budget, run.archive
+    log, statistics = tools.Logbook(), tools.Statistics()
+    statistics.register("best", np.min)
+    statistics.register("median", np.median)
     began, done = time.perf_counter(), False
     while not done:
         run.step()
@@ -57,17 +62,16 @@ def _search(problem: Problem, run: Generations) -> Evolution:
         finite = scores.score[np.isfinite(scores.score)]
         if not run.generation and not len(finite):
             raise InputError("evolve: no program of the first population is finite on these inputs")
-        best, median = (finite.min(), np.median(finite)) if len(finite) else (np.inf, np.inf)
-        log.append({
-            "generation": run.generation, "best": best, "median": median, "gain": archive.best_gain,
-            "distinct": len(np.unique(scores.hashes)), "evaluations_per_second": evaluations / seconds,
-            "seconds": seconds,
-        })  # fmt: skip
+        log.record(
+            generation=run.generation, **statistics.compile([finite if len(finite) else np.inf]),
+            gain=archive.best_gain, distinct=len(np.unique(scores.hashes)),
+            evaluations_per_second=evaluations / seconds, seconds=seconds,
+        )  # fmt: skip
         done = run.generation >= budget.generations or seconds >= budget.seconds or archive.best_gain >= budget.target
     front = archive.front(problem, run.layout)
     if budget.climb and isinstance(problem, SlotProblem):
         front = _finished(front, problem, run.layout, budget.climb)
-    history = {name: np.array([row[name] for row in log], dtype=float) for name in log[0]}
+    history = {name: np.array(log.select(name), dtype=float) for name in log[0]}
     return Evolution(front, best_of(front, problem), history, evaluations, time.perf_counter() - began)
 
 

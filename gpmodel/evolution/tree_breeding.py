@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
-from deap import gp
+from deap import base, gp
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
@@ -78,10 +78,25 @@ class TreeBreeding:
             primitives.terms_count += 1
         return primitives
 
+    @cached_property
+    def toolbox(self) -> base.Toolbox:
+        """Variation operators as a DEAP toolbox."""
+        toolbox = base.Toolbox()
+        deepest = min(DEEPEST_START, self.depth)
+        toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=SHALLOW, max_=deepest)
+        if self.style == "koza":
+            toolbox.register("mate", gp.cxOnePoint)
+            grown = partial(gp.genFull, min_=0, max_=2)
+            toolbox.register("mutate_structure", lambda own, _: gp.mutUniform(own, grown, self.primitives))
+        else:
+            toolbox.register("mate", depth_first_crossover, primitives=self.primitives)
+            toolbox.register("mutate_structure", structure_mutation, primitives=self.primitives)
+        toolbox.register("mutate_operator", lambda own, _: gp.mutNodeReplacement(own, self.primitives))
+        return toolbox
+
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
-        start = partial(gp.genHalfAndHalf, self.primitives, SHALLOW, min(DEEPEST_START, self.depth))
         with _deap_random(rng):
-            starts = [[start() for _ in range(self.layout.outputs)] for _ in range(population)]
+            starts = [[self.toolbox.start() for _ in range(self.layout.outputs)] for _ in range(population)]
         return Trees(tuple(Individual.of(map(gp.PrimitiveTree, trees)) for trees in starts))
 
     def offspring(
@@ -98,21 +113,14 @@ class TreeBreeding:
         place = gp.random.randrange(len(mother.trees))
         own = gp.PrimitiveTree(mother.trees[place])
         other = gp.PrimitiveTree(father.trees[gp.random.randrange(len(father.trees))])
-        child = self._varied(own, other)
+        if gp.random.random() < self.crossover:
+            vary = self.toolbox.mate
+        else:
+            vary = self.toolbox.mutate_structure if gp.random.random() < 0.5 else self.toolbox.mutate_operator
+        child = vary(own, other)[0]
         if len(child) > self.depth + 1 and child.height > self.depth:
             return mother
         return mother.replaced(place, child)
-
-    def _varied(self, own: gp.PrimitiveTree, other: gp.PrimitiveTree) -> gp.PrimitiveTree:
-        """Return a tree crossed with another tree, or mutated in its structure or in one node."""
-        is_koza = self.style == "koza"
-        if gp.random.random() < self.crossover:
-            return gp.cxOnePoint(own, other)[0] if is_koza else depth_first_crossover(own, other, self.primitives)
-        if gp.random.random() >= 0.5:
-            return gp.mutNodeReplacement(own, self.primitives)[0]
-        if is_koza:
-            return gp.mutUniform(own, partial(gp.genFull, min_=0, max_=2), self.primitives)[0]
-        return structure_mutation(own, other, self.primitives)
 
 
 def _complete(
@@ -132,20 +140,20 @@ def _complete(
 
 def depth_first_crossover(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
-) -> gp.PrimitiveTree:
+) -> tuple[gp.PrimitiveTree]:
     """Return the mother's nodes up to a random point, then the father's nodes after it, in depth-first order (Fig 5.6).
 
     The father's nodes are used until the child is complete. If the father's nodes run out, or the father is shorter
     than the point, open arguments become random leaves.
     """
     point = gp.random.randrange(len(mother))
-    return _complete(mother[: point + 1], iter(father[point + 1 :]), primitives)
+    return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)
 
 
 def structure_mutation(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
-) -> gp.PrimitiveTree:
+) -> tuple[gp.PrimitiveTree]:
     """Cross two trees with a separate crossover point in the father, so that sequences are reused elsewhere."""
     point = gp.random.randrange(len(mother))
     other = gp.random.randrange(len(father))
-    return _complete(mother[: point + 1], iter(father[other:]), primitives)
+    return (_complete(mother[: point + 1], iter(father[other:]), primitives),)

@@ -91,6 +91,16 @@ class Program:
         return tuple(float(node.value or 0.0) for node in self.nodes if node.operator == "constant")
 
     @cached_property
+    def input_counts(self) -> dict[str, int]:
+        """Number of uses of each input in the program."""
+        counts: dict[str, int] = {}
+        for index in self._references():
+            if self.nodes[index].operator == "input":
+                name = str(self.nodes[index].value)
+                counts[name] = counts.get(name, 0) + 1
+        return counts
+
+    @cached_property
     def operator_counts(self) -> dict[str, int]:
         """Number of uses of each operator in the program."""
         return dict(Counter(node.operator for node in self.nodes if node.arguments))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gpmodel.evolution import engine, linear
-from gpmodel.evolution.kernels import batch, breeding
+from gpmodel.evolution.kernels import batch, breeding, elementary
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
@@ -51,6 +51,22 @@ def test_operators_on_ordinary_numbers(operator: Operator, width: int) -> None:
     rng = np.random.default_rng(width)
     a, b = rng.normal(scale=3.0, size=(2, width))
     np.testing.assert_allclose(run(operator, a, b), twin(operator, a, b), rtol=4e-15, atol=4e-16)
+
+
+@pytest.mark.parametrize(
+    ("fast", "exact", "largest"),
+    [
+        (elementary.sine, np.sin, elementary.ANGLE_LIMIT),
+        (elementary.cosine, np.cos, elementary.ANGLE_LIMIT),
+        (elementary.arctangent, np.arctan, 1e9),
+        (elementary.hyperbolic_tangent, np.tanh, 40.0),
+    ],
+)
+def test_elementary_functions_hold_to_rounding(fast, exact, largest: float) -> None:
+    rng = np.random.default_rng(3)
+    points = np.concatenate([rng.uniform(-largest, largest, 2000), rng.normal(size=2000), np.logspace(-12, 0, 200)])
+    found = np.array([fast(x) for x in points])
+    assert np.abs(found - exact(points)).max() <= 4.5e-16
 
 
 LAYOUTS = {
@@ -165,6 +181,10 @@ def test_compensator_fitness_is_the_norm_of_fig_5_5(norm: str, poses: int) -> No
     outputs = engine.values(code, fixed).copy()
     expected = np.array([problem.norm_of(o) if np.all(np.isfinite(o)) else np.inf for o in outputs])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+    limit = float(np.median(found))
+    early = problem.scores(code, fixed, cutoff=limit).score
+    np.testing.assert_array_equal(early[found <= limit], found[found <= limit])
+    assert np.all(np.isinf(early[found > limit * (1 + 1e-12)]))
 
 
 def slot_targets(rng: np.random.Generator, sites: int, poses: int, enabled: int) -> Targets:

@@ -91,7 +91,7 @@ def test_the_last_bits_of_the_targets_decide_nothing(representation: str) -> Non
     there = replace(here, weight=here.weight * bits[0], cross=cross, pull=here.pull * bits[1])
     settings = with_budget(QUICK[representation], generations=15)
     runs = [evolve(SlotProblem(inputs, targets), settings, np.random.default_rng(5)) for targets in (here, there)]
-    assert [c.program.read for c in runs[0].front] == [c.program.read for c in runs[1].front]
+    assert [c.program.input_counts for c in runs[0].front] == [c.program.input_counts for c in runs[1].front]
     for name in ("best", "median", "gain"):
         np.testing.assert_allclose(runs[0].history[name], runs[1].history[name], rtol=0, atol=1e-5)
 
@@ -194,6 +194,27 @@ def test_no_finite_program_is_an_error() -> None:
     problem = CartesianProblem(inputs, np.full((3, 20), 1e200))
     with pytest.raises(InputError, match="no program of the first population is finite"):
         evolve(problem, thesis_settings(Linear.thesis(), 100, 1), np.random.default_rng(0))
+
+
+def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 400)))
+    bent = np.stack([0.1 * inputs["J1"], 0.3 * np.sin(inputs["x"]), 0.2 * inputs["z"]])
+    problem = CartesianProblem(inputs, inputs.values[:3] + bent)
+    settings = thesis_settings(replace(Linear.thesis(), length=40), 1000, 12)
+    early = evolve(problem, settings, np.random.default_rng(1))
+    monkeypatch.setattr("gpmodel.evolution.problems.BLOCK", 10**6)
+    full = evolve(problem, settings, np.random.default_rng(1))
+    np.testing.assert_array_equal(early.history["best"], full.history["best"])
+    assert [str(c.program) for c in early.front] == [str(c.program) for c in full.front]
+    monkeypatch.undo()
+    run = Generations(problem, settings, np.random.default_rng(1))
+    population = run.representation.initial(run.layout, 1000, np.random.default_rng(2))
+    whole = run.scored(population).score
+    run.cutoff = float(np.partition(whole, 60)[60])
+    dropped = run.scores_of_eligible(population, 50).score
+    assert np.count_nonzero(np.isinf(dropped)) > np.count_nonzero(np.isinf(whole)) + 20
+    np.testing.assert_array_equal(np.sort(dropped)[:60], np.sort(whole)[:60])
 
 
 def test_known_code_keeps_its_score() -> None:

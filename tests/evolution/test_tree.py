@@ -50,7 +50,7 @@ def test_thesis_crossover_keeps_the_mother_up_to_the_point(cross) -> None:
     random.seed(3)
     changed = 0
     for mother, father in zip(trees[:30], trees[30:], strict=True):
-        child = cross(mother, father, breeding.primitives)
+        (child,) = cross(mother, father, breeding.primitives)
         assert whole(child)
         assert child[0].code == mother[0].code
         shared = next((k for k in range(min(len(child), len(mother))) if child[k] is not mother[k]), len(mother))

@@ -81,6 +81,7 @@ def test_effective_code_only() -> None:
     root = builder.apply("multiply", builder.input("J1"), builder.input("J1"))
     program = builder.program([root, root])
     assert program.inputs == ("J1",)
+    assert program.input_counts == {"J1": 2}
     assert program.operator_counts == {"multiply": 1}
     assert program.complexity == 3
     assert program.select([1]).outputs == (1,)

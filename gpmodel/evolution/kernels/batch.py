@@ -5,12 +5,10 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.code import Code, Tables
-from gpmodel.evolution.kernels.compiler import compiled, inlined
+from gpmodel.evolution.kernels.compiler import compiled, inlined, reduction
 from gpmodel.evolution.kernels.execute import execute
+from gpmodel.evolution.kernels.live_code import count_by_outputs, hash_of, keep_live
 from gpmodel.evolution.kernels.machine import (
-    CONSTANT,
-    LAST_BINARY,
-    ROW,
     allowed_instructions,
     decode_sequence,
     decode_trees,
@@ -42,61 +40,33 @@ def decode_sequences(genes: NDArray[np.uint8], tables: Tables, code: Code) -> No
 @compiled
 def decode_forest(codes: NDArray[np.int16], bounds: NDArray[np.int32], tables: Tables, code: Code) -> None:
     """Decode programs of several trees into effective code. bounds: position of each tree in the flat prefix codes."""
-    stack, kinds = np.empty((2, code.words.shape[1] + 1), np.int64)
+    base, longest = tables.base, code.words.shape[1]
+    stack = np.empty(longest + 1, np.int64)
+    kinds = np.empty(longest + 1, np.int64)
+    live = np.empty(base + longest, np.uint8)
+    place = np.arange(base + longest).astype(np.uint16)
     for p in range(len(bounds)):
-        code.length[p] = decode_trees(codes, bounds[p], tables, code.words[p], code.outputs[p], stack, kinds)
+        n = decode_trees(codes, bounds[p], tables, code.words[p], code.outputs[p], stack, kinds)
+        if tables.replacements.size:
+            n = keep_live(code.words[p], n, base, code.outputs[p], live, place)
+        code.length[p] = n
     _fill_hashes(code)
-
-
-@inlined
-def _mixed(value: np.uint64, place: int) -> np.uint64:
-    mixed = (value ^ (np.uint64(place + 1) * np.uint64(0xD1342543DE82EF95))) * np.uint64(0x9E3779B97F4A7C15)
-    return (mixed ^ (mixed >> np.uint64(32))) * np.uint64(0xBF58476D1CE4E5B9)
 
 
 @compiled
 def _fill_hashes(code: Code) -> None:
-    """Fill the hashes of decoded programs: sums of instructions, constants and outputs mixed with their positions."""
     bits = code.constants.view(np.uint64)
     for p in range(len(code.words)):
-        h, count = np.uint64(0), code.length[p]
-        for k in range(count):
-            word = code.words[p, k]
-            h += _mixed(np.uint64(word), k)
-            if word & ROW == CONSTANT:
-                h += _mixed(bits[p, word >> 16], k + count)
-        for k in range(code.outputs.shape[1]):
-            h += _mixed(np.uint64(code.outputs[p, k]), k + 2 * count)
-        code.hashes[p] = h
+        code.hashes[p] = hash_of(code.words[p], code.length[p], code.outputs[p], bits[p])
 
 
 @compiled
 def sizes_by_outputs(code: Code, base: int) -> NDArray[np.uint16]:
-    """Return for each program the number of nodes that reach exactly the outputs of each bit set.
-
-    The fixed rows and the constants before all operators are leaves, which count once for each use.
-    """
+    """Return for each program the number of nodes that reach exactly the outputs of each bit set."""
     sizes = np.zeros((len(code.words), 1 << code.outputs.shape[1]), np.uint16)
     reach = np.empty(base + code.words.shape[1], np.uint8)
     for p in range(len(code.words)):
-        words, count, size = code.words[p], code.length[p], sizes[p]
-        reach[: base + count] = 0
-        leaves = base
-        while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
-            leaves += 1
-        for k in range(code.outputs.shape[1]):
-            row = code.outputs[p, k]
-            reach[row] |= 1 << k
-            size[1 << k] += row < leaves
-        for k in range(count - 1, -1, -1):
-            operator, a, b = words[k] & ROW, (words[k] >> 16) & ROW, words[k] >> 32
-            bits = reach[base + k]
-            if operator == CONSTANT:
-                size[bits] += base + k >= leaves
-            else:
-                reach[a] |= bits
-                reach[b] |= bits
-                size[bits] += 1 + (a < leaves) + ((b < leaves) & (operator <= LAST_BINARY))
+        count_by_outputs(code.words[p], code.length[p], base, code.outputs[p], sizes[p], reach)
     return sizes
 
 
@@ -118,3 +88,58 @@ def output_values(code: Code, fixed: Array, rows: Array, values: Array) -> None:
                 value = values[p, k, begin:]
                 for j in range(width):
                     value[j] = found[j]
+
+
+@reduction
+def _largest(row: Array, width: int) -> float:
+    value: float = row[0]
+    for j in range(width):
+        value = row[j] if row[j] > value else value
+    return value
+
+
+@reduction
+def _sum(row: Array, width: int) -> float:
+    value = 0.0
+    for j in range(width):
+        value += row[j]
+    return value
+
+
+@inlined
+def squared_distance(dx: float, dy: float, dz: float) -> float:
+    """Return the square of the distance (dx, dy, dz), infinite if the square is not a number."""
+    square = dx * dx + dy * dy + dz * dz
+    return square if square < np.inf else np.inf
+
+
+@compiled
+def compensator_fitness(
+    code: Code, fixed: Array, rows: Array, measured: Array, maximum: bool, cutoff: float, fitness: Array
+) -> None:
+    """Fill ``fitness`` with the largest or the summed squared distance of three outputs from measured points.
+
+    The program of smallest fitness is the best. A program gets an infinite fitness, and runs on no further block of
+    poses, once the fitness over the previous blocks exceeds ``cutoff`` or an output is not finite. The last row of
+    ``rows`` is scratch space for the squares.
+    """
+    base, poses = fixed.shape
+    block = rows.shape[1]
+    squares = rows[len(rows) - 1]
+    fitness[:] = 0.0
+    for begin in range(0, poses, block):
+        width = min(block, poses - begin)
+        true_x, true_y, true_z = measured[0, begin:], measured[1, begin:], measured[2, begin:]
+        for k in range(base):
+            for j in range(width):
+                rows[k, j] = fixed[k, begin + j]
+        for p in range(len(code.words)):
+            value = fitness[p]
+            if value == np.inf:
+                continue
+            execute(code.words[p], code.length[p], code.constants[p], rows, base, width)
+            x, y, z = rows[code.outputs[p, 0]], rows[code.outputs[p, 1]], rows[code.outputs[p, 2]]
+            for j in range(width):
+                squares[j] = squared_distance(x[j] - true_x[j], y[j] - true_y[j], z[j] - true_z[j])
+            value = max(value, _largest(squares, width)) if maximum else value + _sum(squares, width)
+            fitness[p] = value if value <= cutoff else np.inf

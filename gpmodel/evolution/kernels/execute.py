@@ -6,8 +6,25 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import inlined
-from gpmodel.evolution.kernels.differentiation import differentiated
+from gpmodel.evolution.kernels.elementary import (
+    ANGLE_LIMIT,
+    arctangent,
+    cosine,
+    exponential,
+    hyperbolic_tangent,
+    logarithm,
+    sine,
+    tangent,
+)
 from gpmodel.evolution.kernels.machine import CONSTANT
+
+
+@inlined
+def _within(row: Array, limit: float, width: int) -> bool:
+    beyond = 0
+    for j in range(width):
+        beyond += abs(row[j]) > limit
+    return beyond == 0
 
 
 @inlined
@@ -57,9 +74,43 @@ def execute(words: IntArray, count: int, constants: Array, rows: Array, base: in
         elif code == 13:
             for j in range(width):
                 rows[r, j] = 1.0 if rows[a, j] == 0.0 else 0.0
+        elif code == 17:
+            for j in range(width):
+                rows[r, j] = arctangent(rows[a, j])
+        elif code == 18:
+            for j in range(width):
+                rows[r, j] = exponential(rows[a, j])
+        elif code == 19:
+            for j in range(width):
+                rows[r, j] = logarithm(rows[a, j])
+        elif code == 20:
+            for j in range(width):
+                rows[r, j] = hyperbolic_tangent(rows[a, j])
+        elif code == 21:
+            for j in range(width):
+                rows[r, j] = math.asin(rows[a, j])
+        elif code == 22:
+            for j in range(width):
+                rows[r, j] = 1.0 / rows[a, j]
         elif code == CONSTANT:
             for j in range(width):
                 rows[r, j] = constants[a]
+        elif _within(rows[a], ANGLE_LIMIT, width):
+            if code == 14:
+                for j in range(width):
+                    rows[r, j] = sine(rows[a, j])
+            elif code == 15:
+                for j in range(width):
+                    rows[r, j] = cosine(rows[a, j])
+            else:
+                for j in range(width):
+                    rows[r, j] = tangent(rows[a, j])
+        elif code == 14:
+            for j in range(width):
+                rows[r, j] = math.sin(rows[a, j])
+        elif code == 15:
+            for j in range(width):
+                rows[r, j] = math.cos(rows[a, j])
         else:
             for j in range(width):
-                rows[r, j] = differentiated(code, rows[a, j], rows[b, j])[0]
+                rows[r, j] = math.tan(rows[a, j])
