@@ -25,8 +25,9 @@ PLACED_ANEW, BUILT_ANEW = 1e-2, 1e-3
 machines are built to a millimetre. Half or double changes the evidence of 45 constants by at most 31 nats."""
 NOISES = np.geomspace(0.02, 1.0, 25)
 """Standard deviations of the noise that are compared, relative to the residual of the standard model."""
-PLACES, FEWEST = 60, 8
-"""Number of evenly spaced rows that are tried first, and least number of poses of a machine."""
+PLACES, SURPLUS = 60, 1.5
+"""Number of evenly spaced rows that are tried first, and least number of values of each machine per constant: fewer
+values fit any errors."""
 WIDTHS, RATES = (0.15, 0.3, 0.6, 1.2), (0.05, 0.1, 0.2, 0.4)
 """Durations of gradual changes, and time constants of exponential changes, as shares of the rows."""
 SLIPS = 3
@@ -48,10 +49,10 @@ def two_machines(fit: Calibration, poses: Poses) -> Iterator[str]:
     exponential; constants that depend on a joint value, the payload or another column, by a parabola.
     """
     problem = problem_at(fit, resolved(fit, poses))
-    if problem.reduced is not None or len(poses) < 2 * FEWEST:
+    if problem.reduced is not None or len(problem.residual) < 2.0 * SURPLUS * problem.columns.shape[1]:
         return
     zeros = [drive_effect(joint.name, joint, ONE) for joint in fit.model.mechanism.joints]
-    rows, use = _sound(_Stepped.of(problem, problem.effect_rows(zeros, fit.model)))
+    rows, use = _sound(_Stepped.of(problem, problem.effect_rows(zeros, fit.model)), fit)
     at, model = rows.best_place()
     simpler = [rows.evidence(rows.columns[:, :0], rows.prior[:0]), *rows.changes_at(at), *rows.gradual(at)]
     simpler += rows.by_columns(_columns(poses.dataset.subset(np.flatnonzero(use))))
@@ -144,8 +145,8 @@ class _Stepped:
 
     def best_place(self) -> tuple[int, _Model]:
         """Return the first pose of the second machine, and the model of two machines, of highest evidence."""
-        few = max(FEWEST, self.count // PLACES)
-        step, last = max(1, self.count // PLACES), self.count - few
+        few = int(np.ceil(SURPLUS * self.columns.shape[1] * self.count / len(self.residual)))
+        step, last = max(1, self.count // PLACES), max(self.count - few, few)
         at, model = self._best_of(range(few, last + 1, step))
         return (at, model) if step == 1 else self._best_of(range(max(few, at - step), min(last, at + step) + 1))
 
@@ -185,10 +186,12 @@ class _Stepped:
                 yield self.changed_by(scaled, scaled**2)
 
 
-def _sound(rows: _Stepped) -> tuple[_Stepped, Mask]:
-    """Exclude the outliers of the model of two machines; return the other rows and the mask of their poses."""
-    sizes = np.sqrt(np.bincount(rows.pose, rows.best_place()[1].left ** 2, rows.count))
-    use = np.asarray(sizes <= outlier_limit(sizes))
+def _sound(rows: _Stepped, fit: Calibration) -> tuple[_Stepped, Mask]:
+    """Exclude the outliers of the standard model, then those of two machines; return the rest and its mask of poses."""
+    use = ~np.isin(np.arange(rows.count), fit.outliers)
+    some = rows.subset(use)
+    sizes = np.sqrt(np.bincount(some.pose, some.best_place()[1].left ** 2, some.count))
+    use[use] = sizes <= outlier_limit(sizes)
     return rows.subset(use), use
 
 
