@@ -215,12 +215,13 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
     if judged.left.chance >= significance and found.session.use.all() and len(judged.named) < 2:
         return judged
     known: Sequence[PossibleChange] = ()
+    offered = {judged.near.session.use.tobytes(): judged.tried}
     for _ in range(DIVISIONS):
         further, division = judged.known, divided(judged.near, known)
         if division is not None:
-            same = division.found is judged.near
-            offered = judged.tried if same else _offered(division.found)
-            tried = _Judged.of(division.found, offered.plus(division.changes), significance)
+            use = division.found.session.use.tobytes()
+            offered[use] = offered[use] if use in offered else _offered(division.found)
+            tried = _Judged.of(division.found, offered[use].plus(division.changes), significance)
             in_rows = [change.name for change in tried.named if change.rows]
             better = tried.complete and tried.nats > judged.nats and not division.scattered
             if better and in_rows and division.determines(in_rows) and _within_ranges(found, tried.named):
