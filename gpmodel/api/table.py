@@ -81,6 +81,10 @@ class Cells:
     sha256: str
 
 
+CORRECTED = "corrected_"
+"""Prefix of the column names of corrected joint values in tables from `compensate`."""
+
+
 def read_table(
     table: TableLike, mechanism: MechanismLike, *, in_order: bool = False, cameras: Described = None,
     board: Described = None, surfaces: Described = None,
@@ -94,11 +98,18 @@ def read_table(
     that never decreases implies the order of measurement.
     cameras, board, surfaces: descriptions of cameras, boards and touched surfaces, as TOML files or their content.
     Raises InputError for a missing or empty file, a column with an unknown or missing unit, missing or surplus joints,
-    text among numbers, no measurement, or a payload column if the mechanism has a payload.
+    text among numbers, no measurement, a payload column if the mechanism has a payload, or joint values of
+    `compensate` beside those of the poses.
     """
     arm, in_order = mechanism_of(mechanism), check_bool(in_order, "in_order")
     given = described(cameras, board, surfaces)
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
+    if sent := [name for name in dataset.extras if name.startswith(CORRECTED)]:
+        own = sent[0].removeprefix(CORRECTED)
+        raise InputError(
+            f"{dataset.source}: columns '{own}' and '{sent[0]}': at which of them was the row measured? expected the "
+            f"joint values of the measured poses in '{own}', ..., and no column {CORRECTED}JOINT"
+        )
     check_named(dataset, given)
     if choice_of(arm).payload_com is not None and choice_of(arm).payload is None and not dataset.payload_given:
         said = f"{dataset.source} has no payload; expected a payload or a column 'payload [kg]' too"

@@ -8,7 +8,17 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_named, dataset_of, described, in_metres
+from gpmodel.api.table import (
+    CORRECTED,
+    Described,
+    Shown,
+    TableLike,
+    cells_of,
+    check_named,
+    dataset_of,
+    described,
+    in_metres,
+)
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import SIGNIFICANCE
 from gpmodel.application.recheck import Session, errors_at
@@ -26,8 +36,6 @@ from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
 
-CORRECTED = "corrected_"
-"""Prefix of the column names of corrected joint values in tables from `compensate`."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 """Columns other than corrected joint values that `compensate` adds to a table."""
 

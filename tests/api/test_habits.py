@@ -192,3 +192,13 @@ def test_targets_whose_side_of_play_the_correction_turns_say_so() -> None:
     found = model.compensate(steps, in_order=True)
     assert set(found["status"]) == {"ok", "side of play open"}
     assert found["corrected_J3 [deg]"].notna().all()
+
+
+def test_joint_values_of_compensate_beside_those_of_the_poses_are_refused(fit: gp.Model) -> None:
+    """A fit could otherwise take the targets for the joint values at which the rows were measured."""
+    measured = table(30, effects=("base_compliance=5e-8",))
+    corrected = fit.model.compensate(measured)
+    for command in (gp.check, gp.calibrate, gp.discover):
+        with pytest.raises(gp.InputError, match="'J1' and 'corrected_J1': at which of them was the row measured"):
+            command("irb6400r", corrected)
+    assert fit.model.verify(corrected).record.data.counted
