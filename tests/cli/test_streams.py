@@ -85,10 +85,11 @@ def printed_to(kind: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Raw]:
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a table and two results."""
+    """A folder with a table, a later table, and two results."""
     folder = tmp_path_factory.mktemp("given")
     mechanism, made = robot(40, effects=("joint_compliance J2=2e-6",))
     write(table(40, effects=("joint_compliance J2=2e-6",)), folder / "table.csv")
+    write(table(20, seed=1, effects=("joint_compliance J2=2e-6",)), folder / "later.csv")
     fit = calibrate(mechanism, made.dataset, ["joint_compliance J2"])
     for name in ("a", "b"):
         (folder / name).mkdir()
@@ -106,7 +107,7 @@ SAVES = {
     "calibrate": (["calibrate", "TABLE", "--mechanism", "irb6400r", "--out", "OUT"], "model.json"),
     "compare": (["compare", "A", "B", "--out", "OUT"], "compare.html"),
     "explain": (["explain", "A", "1", "--out", "OUT"], "finding_1.html"),
-    "verify": (["verify", "A/model.json", "TABLE", "--out", "OUT"], "verify.json"),
+    "verify": (["verify", "A/model.json", "LATER", "--out", "OUT"], "verify.json"),
     "compensate": (["compensate", "A/model.json", "TABLE", "--out", "OUT/c.csv"], "c.csv"),
     "certificate": (["certificate", "A", "--out", "OUT"], "certificate.html"),
     "export": (["export", "A", "--nodes", "2", "--out", "OUT"], "exports/model.c"),
@@ -133,7 +134,13 @@ def test_what_was_done_is_kept_whatever_becomes_of_the_output(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     words, file = SAVES[command]
-    places = {"TABLE": given / "table.csv", "A": given / "a", "B": given / "b", "OUT": tmp_path / "out"}
+    places = {
+        "TABLE": given / "table.csv",
+        "LATER": given / "later.csv",
+        "A": given / "a",
+        "B": given / "b",
+        "OUT": tmp_path / "out",
+    }
     words = ["/".join(str(places.get(part, part)) for part in word.split("/")) for word in words]
     with printed_to(kind, monkeypatch) as raw, pytest.raises(SystemExit) as ended:
         main(words)
