@@ -145,14 +145,13 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         for text in _faults_of_the_table(found):
             raise InputError(f"{dataset.source}: {text}")
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
-    points = session.observed.tip[:, :3, 3]
     return Verified(
         verdict=verdict,
         found=found,
         near=near,
         alone=alone.error,
         alone_turn=turn_error(nominal, session.poses.dataset),
-        outside=out_of_range(session.saved, session.poses.states.seen_at(points)),
+        outside=_outside(session),
         changes=() if verdict == "another machine" else (*moved, *named),
         visible=visible(near, tried.changes, significance),
         instrument=instrument,
@@ -235,10 +234,14 @@ def _with_divided_rows(judged: _Judged, found: Recheck, significance: float) -> 
 
 def _within_ranges(found: Recheck, named: Sequence[NamedChange]) -> bool:
     """Return whether every division of the rows has a row within the ranges of the model: beyond, the model is none."""
-    session = found.session
-    beyond = out_of_range(session.saved, session.poses.states.seen_at(session.observed.tip[:, :3, 3]))
-    inside = {row for row, text in zip(session.poses.dataset.row.tolist(), beyond, strict=True) if not text}
+    rows = found.session.poses.dataset.row.tolist()
+    inside = {row for row, text in zip(rows, _outside(found.session), strict=True) if not text}
     return all(not inside.isdisjoint(change.rows) for change in named if change.rows)
+
+
+def _outside(session: Session) -> tuple[str, ...]:
+    """Return the inputs of each later pose that are beyond the ranges of the model."""
+    return out_of_range(session.saved, session.poses.states.seen_at(session.observed.tip[:, :3, 3]))
 
 
 def _check_units(saved: SavedModel, dataset: Dataset) -> None:

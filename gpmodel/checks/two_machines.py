@@ -54,15 +54,21 @@ def two_machines(fit: Calibration, poses: Poses) -> Iterator[str]:
     zeros = [drive_effect(joint.name, joint, ONE) for joint in fit.model.mechanism.joints]
     rows, use = _sound(_Stepped.of(problem, problem.effect_rows(zeros, fit.model)), fit)
     at, model = rows.best_place()
-    simpler = [rows.evidence(rows.columns[:, :0], rows.prior[:0]), *rows.changes_at(at), *rows.gradual(at)]
-    simpler += rows.by_columns(_columns(poses.dataset.subset(np.flatnonzero(use))))
-    best = max(simpler, key=lambda one: one.nats)
-    clearly = (model.nats - best.nats) * different_poses(poses.dataset) / len(poses) > CLEARLY
-    if clearly and model.sigma**2 < MAJORITY * best.sigma**2:
+    share = different_poses(poses.dataset) / len(poses)
+
+    def clearly_better_than(other: _Model) -> bool:
+        return (model.nats - other.nats) * share > CLEARLY and model.sigma**2 < MAJORITY * other.sigma**2
+
+    nothing = rows.evidence(rows.columns[:, :0], rows.prior[:0])
+    if not clearly_better_than(nothing):
+        return  # the best simpler explanation has at least its evidence, and at most its noise
+    by_columns = rows.by_columns(_columns(poses.dataset.subset(np.flatnonzero(use))))
+    best = max((nothing, *rows.changes_at(at), *rows.gradual(at), *by_columns), key=lambda one: one.nats)
+    if clearly_better_than(best):
         yield (
             f"from row {poses.dataset.row[use][at]} on, the table is of another machine or state: with separate "
             f"constants from there on, the residual of the standard model is {1e3 * model.sigma:.2g} mm instead of "
-            f"{1e3 * simpler[0].sigma:.2g}, and {1e3 * best.sigma:.2g} with the best other change (a moved set-up, "
+            f"{1e3 * nothing.sigma:.2g}, and {1e3 * best.sigma:.2g} with the best other change (a moved set-up, "
             "another tool, moved joint zeros, a drift, an effect of a column); expected one machine: split the table"
         )
 
