@@ -7,6 +7,7 @@ import numpy as np
 from gpmodel.application.kinematics import with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.unmeasured_joints import without_eliminated
 from gpmodel.families.catalogue import candidates
@@ -41,21 +42,33 @@ def extrapolated(saved: SavedModel, fitted: Placement, problem: Linearised) -> A
     )
 
 
+def rows_of_the_fit(saved: SavedModel, placement: Placement) -> Linearised | None:
+    """Linearise the measurements that a model was fitted to, without their outliers; None if the model has none.
+
+    placement: registration and tool of the fit.
+    """
+    if saved.measured is None:
+        return None
+    poses = prepare(saved.mechanism, with_model_labels(saved, saved.measured.dataset))
+    here, every = (saved.model, poses, saved.theta, placement, saved.weights), np.ones(len(poses), dtype=bool)
+    first = linearise(*here, every)
+    use = without_outliers(first.observed, poses.dataset, every, saved.weights)
+    return first if use.all() else linearise(*here, use)
+
+
 def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Iterator[Array]:
     beyond = columns_beyond(saved, problem.poses)
-    if saved.measured is None or not beyond:
+    fit = rows_of_the_fit(saved, placed) if beyond else None
+    if fit is None:
         return
-    data, own = with_model_labels(saved, saved.measured.dataset), {effect.name for effect in saved.model.effects}
-    poses = prepare(saved.mechanism, data)
+    own = {effect.name for effect in saved.model.effects}
     effects = [
         effect
-        for candidate in candidates(saved.mechanism, poses.states)
+        for candidate in candidates(saved.mechanism, fit.poses.states)
         if candidate.kind == "single"
         for effect in candidate.effects
         if beyond & set(effect.inputs) and effect.name not in own and not effect.of_the_instrument
     ]
-    use = np.ones(len(poses), dtype=bool)
-    fit = linearise(saved.model, poses, saved.theta, placed, saved.weights, use)
     numbers, nothing = range(len(saved.model.effects)), np.zeros(len(problem.residual))
     there = dict(zip([*problem.placement_names, *numbers], problem.columns.T, strict=True))
     later = [there.get(key, nothing) for key in (*fit.placement_names, *numbers)]

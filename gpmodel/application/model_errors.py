@@ -16,17 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.changed_model import with_changes
-from gpmodel.application.kinematics import with_model_labels
+from gpmodel.application.extrapolation import rows_of_the_fit
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import NamedChange
 from gpmodel.application.possible_changes import LEAST, SET_UP, PossibleChange
 from gpmodel.application.recheck import Recheck
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import Poses, prepare
+from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank
 from gpmodel.numerics.interval import chance_of_ratio
 from gpmodel.table.blocks import sharing
@@ -42,10 +41,10 @@ def since_the_fit(
     """
     by_name = {change.name: change for change in tried}
     chosen = [by_name[change.name] for change in named]
-    if saved.measured is None or not any(_new_to_the_model(change) for change in chosen):
+    fit = rows_of_the_fit(saved, saved.placement) if any(_new_to_the_model(change) for change in chosen) else None
+    if fit is None:
         return tuple(named)
-    poses = prepare(saved.mechanism, with_model_labels(saved, saved.measured.dataset))
-    both = _Both.of(saved, near, poses, chosen)
+    both = _Both.of(saved, near, fit, chosen)
     return tuple(replace(change, of_the_model=both.chance(k, near.freedom) >= level) for k, change in enumerate(named))
 
 
@@ -81,10 +80,10 @@ class _Both:
     changed: tuple[Array, ...]
 
     @classmethod
-    def of(cls, saved: SavedModel, near: Recheck, poses: Poses, chosen: Sequence[PossibleChange]) -> "_Both":
+    def of(cls, saved: SavedModel, near: Recheck, fit: Linearised, chosen: Sequence[PossibleChange]) -> "_Both":
         """Stack the rows of the fit, the rows of the later session, and the priors of the effects of the model."""
         session, steps = with_changes(near.session, near.problem, chosen)
-        fit, later, pose_id = _linearised(saved, poses), session.problem, sharing(poses.dataset)
+        later, pose_id = session.problem, sharing(fit.poses.dataset)
         blocks, free = blocks_of(fit, pose_id), session.anew(later)
         ridge, means = _priors(saved, fit, near.spread.sigma)
         ends = np.cumsum([change.columns.shape[1] for change in chosen])[:-1]
@@ -101,7 +100,7 @@ class _Both:
 
         common = near.blocks.means(_at_later_rows(fit, later, free))
         columns = [stacked(fit.columns, common, ridge), only_later(near.blocks.means(later.columns[:, free]))]
-        tested = [_possible_before(poses, change) for change in chosen]
+        tested = [_possible_before(fit.poses, change) for change in chosen]
         for change, part, both in zip(chosen, own, tested, strict=True):
             if not both:
                 columns.append(only_later(part))
@@ -163,12 +162,3 @@ def _priors(saved: SavedModel, fit: Linearised, sigma: float) -> tuple[Array, Ar
     ridge = np.zeros((len(known), fit.columns.shape[1]))
     ridge[np.arange(len(known)), fit.placement + known] = sigma / prior[known]
     return ridge, -sigma / prior[known] * saved.theta[known]
-
-
-def _linearised(saved: SavedModel, poses: Poses) -> Linearised:
-    """Linearise the measurements of the fit at the values of the model, without outliers."""
-    every = np.ones(len(poses), dtype=bool)
-    here = saved.model, poses, saved.theta, saved.placement, saved.weights
-    first = linearise(*here, every)
-    use = without_outliers(first.observed, poses.dataset, every, saved.weights)
-    return first if use.all() else linearise(*here, use)

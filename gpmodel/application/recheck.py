@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.application.extrapolation import extrapolated
+from gpmodel.application.extrapolation import extrapolated, rows_of_the_fit
 from gpmodel.application.kinematics import REACHED, matched_with_readings, tips, with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
@@ -330,11 +330,9 @@ def recheck(session: Session) -> Recheck:
 def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
     """Return the effect of uncertain undeclared functions on the session's rows; empty without undeclared functions."""
     saved = session.saved
-    if saved.measured is None or not has_functions(saved.model):
+    fitted = rows_of_the_fit(saved, session.fitted) if has_functions(saved.model) else None
+    if fitted is None:
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
-    poses = prepare(saved.mechanism, saved.measured.dataset)
-    use = np.ones(len(poses), dtype=bool)
-    fitted = linearise(saved.model, poses, saved.theta, session.fitted, saved.weights, use)
     return uncertain_functions(saved.model, fitted, saved.theta, problem)
 
 
