@@ -20,7 +20,7 @@ FENCED = {
     "pinocchio": lambda path: path.parent.name == "robots",
     "coal": lambda path: path.parent.name == "robots",
     "example_robot_data": lambda path: path.parent.name == "robots",
-    "deap": lambda path: path.name in ("tree_breeding.py", "tree_population.py", "search.py"),
+    "deap": lambda path: path.name in ("tree_breeding.py", "search.py"),
     "numba": lambda path: path.parent == ROOT / "gpmodel" / "evolution" / "kernels",
     "matplotlib": lambda path: "report" in path.parts or "joints" in path.parts,
     "jinja2": lambda path: "report" in path.parts or "joints" in path.parts,

@@ -13,9 +13,10 @@ import numpy as np
 from deap import gp
 from numpy.typing import NDArray
 
+from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.tree_breeding import TreeBreeding
+from gpmodel.evolution.tree_breeding import primitives_of
 
 Array = NDArray[np.float64]
 KINDS = (*["angle"] * 6, "temperature", "row")
@@ -126,11 +127,11 @@ def cold_start() -> dict[str, float]:
 NAMES = {"add": np.add, "subtract": np.subtract, "multiply": np.multiply, "max": np.maximum}
 
 
-def full_trees(breeding: TreeBreeding, count: int, seed: int) -> list[gp.PrimitiveTree]:
+def full_trees(layout: Layout, count: int, seed: int) -> list[gp.PrimitiveTree]:
     """Full trees of depth 4 over binary operators: 31 nodes."""
     state = random.getstate()
     random.seed(seed)
-    trees = [gp.PrimitiveTree(gp.genFull(breeding.primitives, 4, 4)) for _ in range(count)]
+    trees = [gp.PrimitiveTree(gp.genFull(primitives_of(layout), 4, 4)) for _ in range(count)]
     random.setstate(state)
     return trees
 

@@ -30,8 +30,7 @@ from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Settings, thesis_settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.evolution.tree_breeding import TreeBreeding
-from gpmodel.evolution.tree_population import Individual, Trees
+from gpmodel.evolution.tree_breeding import Trees
 from gpmodel.executor import cores
 from gpmodel.formula.operators import BY_CODE, operator_set
 
@@ -98,16 +97,10 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
     """16 384 trees of 31 nodes; peers on 256 of them, scaled."""
     names = tuple("abcdef")
     layout = Layout(names, operator_set("add,subtract,multiply,max"), (), (None,), 1)
-    bred = full_trees(TreeBreeding(layout, 5, "koza", 0.6), 16384, 1)
+    bred = full_trees(layout, 16384, 1)
     columns = dict(zip(names, np.random.default_rng(0).normal(size=(6, poses)), strict=True))
     fixed = layout.fixed_rows(np.stack(list(columns.values())))
-    population = Trees(tuple(Individual.of((tree,)) for tree in bred))
-
-    def packed(every: int) -> None:
-        """Convert all individuals to codes, of which one in ``every`` is new."""
-        individuals = list(population.individuals)
-        individuals[::every] = [Individual.of(one.trees) for one in individuals[::every]]
-        Trees(tuple(individuals)).forest  # noqa: B018
+    population = Trees(tuple((tree,) for tree in bred))
 
     first = np.empty(16384)
 
@@ -118,8 +111,7 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
 
     rows = {
         "here": timed(evaluate, repeats),
-        "here, DEAP trees to codes, all new": timed(lambda: packed(1), repeats),
-        "here, DEAP trees to codes, a third new": timed(lambda: packed(3), repeats),
+        "here, DEAP trees to codes, all new": timed(lambda: Trees(population.individuals).forest, repeats),
     }
     peers = {"DEAP compile and call": deap_evaluate}
     if find_spec("gplearn"):

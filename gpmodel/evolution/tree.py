@@ -12,7 +12,7 @@ from gpmodel.evolution.representation import Population, Rows, check_ranges
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
 if TYPE_CHECKING:
-    from gpmodel.evolution.tree_population import Trees
+    from gpmodel.evolution.tree_breeding import Trees
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,15 @@ class Tree:
         )  # fmt: skip
 
     def initial(self, layout: Layout, population: int, rng: np.random.Generator) -> "Trees":
-        from gpmodel.evolution.tree_breeding import TreeBreeding
+        from gpmodel.evolution.tree_breeding import random_trees
 
-        return TreeBreeding(layout, self.depth, self.style, self.crossover).initial(population, rng)
+        return random_trees(layout, self.depth, population, rng)
 
     def offspring(
         self, layout: Layout, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator
     ) -> "Trees":
-        from gpmodel.evolution.tree_breeding import TreeBreeding
+        from gpmodel.evolution.tree_breeding import Trees, children
 
-        return TreeBreeding(layout, self.depth, self.style, self.crossover).offspring(parents, mothers, fathers, rng)
+        assert isinstance(parents, Trees), "trees are bred from trees"
+        pairs = [[parents.individuals[row] for row in pair] for pair in zip(mothers, fathers, strict=True)]
+        return children(layout, pairs, self.depth, self.style, self.crossover, rng)

@@ -1,41 +1,114 @@
-"""Creation and variation of trees (Robertson 2003, 5.2.2, Fig 5.6), by the library DEAP.
+"""Programs that are trees (Robertson 2003, 5.2.2, Fig 5.6), created and varied by the library DEAP.
 
 DEAP uses Python's global random generator, which other threads may use too. Every call in this module replaces the
-global generator by one seeded from the given NumPy generator. Kinds of quantities are enforced when a program is
-decoded, as for sequences: DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no
-leaf is a squared angle.
+global generator by one seeded from the given NumPy generator. DEAP never compiles the trees; their nodes have codes for
+the compiled loops. Kinds of quantities are enforced when a program is decoded, as for sequences: DEAP's typed sets need
+one kind of result for every operator and a leaf of every kind, and no leaf is a squared angle.
 """
 
 import random
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
-from deap import base, gp
+from deap import gp
 from numpy.typing import NDArray
 
-from gpmodel.errors import InputError
+from gpmodel.arrays import Array
+from gpmodel.evolution.code import Code
+from gpmodel.evolution.engine import empty_code
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.representation import Population
-from gpmodel.evolution.tree_population import (
-    OPERATOR_CODES,
-    OWN_BYTE,
-    ConstantNode,
-    ElementNode,
-    Individual,
-    OperatorNode,
-    Trees,
-)
 
 SHALLOW, DEEPEST_START = 1, 4
 """Smallest and largest depth of initial trees by ramped half-and-half (Koza 1992: 2 to 6, for larger populations)."""
 
+OPERATOR_CODES = 32
+"""First code of a tree node that is an input or a fixed constant; smaller codes are operators."""
+
+OWN_CONSTANT = 16384
+"""First code of a tree node that is one of the constants that a program carries. The code of the node itself stands for
+each of them; ``Trees.forest`` adds the number of the constant."""
+
 _ONE_AT_A_TIME = threading.Lock()
 """Lock held while DEAP runs, because all threads share its random generator."""
+
+
+class OperatorNode(gp.Primitive):
+    """An operator in a tree, with its op-code for the compiled loops."""
+
+    __slots__ = ("code",)
+
+    def __init__(self, name: str, arity: int, code: int) -> None:
+        super().__init__(name, [object] * arity, object)
+        self.code = code
+
+
+class ElementNode(gp.Terminal):
+    """A leaf of a tree, with its number for the compiled loops."""
+
+    __slots__ = ("code",)
+
+    def __init__(self, name: str, code: int) -> None:
+        super().__init__(name, True, object)
+        self.code = code
+
+
+def _standard_normal() -> float:
+    return float(gp.random.gauss(0.0, 1.0))
+
+
+ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)
+ConstantNode.code = OWN_CONSTANT
+
+Individual = tuple[gp.PrimitiveTree, ...]
+"""Trees that are bred together, one per output."""
+
+
+@dataclass(frozen=True)
+class Trees:
+    """A population of individuals. Crossover and mutation work on copies of their trees."""
+
+    individuals: tuple[Individual, ...]
+
+    def __len__(self) -> int:
+        return len(self.individuals)
+
+    @cached_property
+    def forest(self) -> tuple[NDArray[np.int16], NDArray[np.int32], Array]:
+        """Prefix codes of all trees (one per node), bounds of the trees, and constants (programs, constants), padded.
+        Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. Constants of a program are numbered in turn."""
+        trees = list(chain.from_iterable(self.individuals))
+        nodes = list(chain.from_iterable(trees))
+        codes = np.array([node.code for node in nodes], dtype=np.int16)
+        ends = np.concatenate([[0], np.cumsum([len(tree) for tree in trees])])
+        roots = len(trees) // len(self)
+        bounds = ends[np.arange(len(self))[:, None] * roots + np.arange(roots + 1)]
+        own = np.flatnonzero(codes == OWN_CONSTANT)
+        row = np.searchsorted(bounds[:, 0], own, side="right") - 1
+        number = np.arange(len(own)) - np.searchsorted(own, bounds[:, 0])[row]
+        codes[own] += number.astype(np.int16)
+        constants = np.zeros((len(self), int(number.max(initial=0)) + 1))
+        constants[row, number] = [nodes[k].value for k in own.tolist()]
+        return codes, bounds.astype(np.int32), constants
+
+    def take(self, rows: NDArray[np.intp]) -> "Trees":
+        return Trees(tuple(self.individuals[row] for row in rows))
+
+    def join(self, other: "Trees") -> "Trees":
+        return Trees(self.individuals + other.individuals)
+
+    def decoded(self, layout: Layout, part: slice) -> Code:
+        from gpmodel.evolution.kernels.batch import decode_forest
+
+        codes, bounds, constants = self.forest
+        longest = int(np.max(bounds[part, -1] - bounds[part, 0]))
+        code = empty_code(np.ascontiguousarray(constants[part]), longest, layout.outputs)
+        decode_forest(codes, bounds[part], layout.tables, code)
+        return code
 
 
 @contextmanager
@@ -49,78 +122,52 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
             gp.random = of_all
 
 
-@dataclass(frozen=True)
-class TreeBreeding:
-    """Creation and variation of programs that are trees. depth, style, crossover: settings as in ``Tree``."""
+def primitives_of(layout: Layout) -> gp.PrimitiveSet:
+    """Return the operators and leaves of a layout as DEAP primitives."""
+    primitives = gp.PrimitiveSet("program", 0)
+    for operator in layout.operators:
+        primitives._add(OperatorNode(operator.name, operator.arity, operator.code))
+    leaves = [
+        ElementNode(name, OPERATOR_CODES + row)
+        for row, name in enumerate([*layout.inputs, *map(repr, layout.constants)])
+    ]
+    for leaf in (*leaves, *[ConstantNode] * layout.own_constants):
+        primitives._add(leaf)
+    primitives.prims_count, primitives.terms_count = len(layout.operators), len(leaves) + layout.own_constants
+    return primitives
 
-    layout: Layout
-    depth: int
-    style: str
-    crossover: float
 
-    @cached_property
-    def primitives(self) -> gp.PrimitiveSet:
-        """Operators and leaves as DEAP primitives.
-        Raises InputError if there are more leaves than one byte can number."""
-        layout = self.layout
-        primitives = gp.PrimitiveSet("program", 0)
-        for operator in layout.operators:
-            primitives._add(OperatorNode(operator.name, operator.arity, operator.code))
-            primitives.prims_count += 1
-        names = [*layout.inputs, *map(repr, layout.constants)]
-        if len(names) > OWN_BYTE - OPERATOR_CODES:
-            raise InputError(f"inputs: {len(names)} elements, a tree can address {OWN_BYTE - OPERATOR_CODES}")
-        for row, name in enumerate(names):
-            primitives._add(ElementNode(name, OPERATOR_CODES + row))
-            primitives.terms_count += 1
-        for _ in range(layout.own_constants):
-            primitives._add(ConstantNode)
-            primitives.terms_count += 1
-        return primitives
+def random_trees(layout: Layout, depth: int, population: int, rng: np.random.Generator) -> Trees:
+    """Return a population of trees by ramped half-and-half."""
+    start = partial(gp.genHalfAndHalf, primitives_of(layout), SHALLOW, min(DEEPEST_START, depth))
+    with _deap_random(rng):
+        return Trees(tuple(tuple(gp.PrimitiveTree(start()) for _ in range(layout.outputs)) for _ in range(population)))
 
-    @cached_property
-    def toolbox(self) -> base.Toolbox:
-        """Variation operators as a DEAP toolbox."""
-        toolbox = base.Toolbox()
-        deepest = min(DEEPEST_START, self.depth)
-        toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=SHALLOW, max_=deepest)
-        if self.style == "koza":
-            toolbox.register("mate", gp.cxOnePoint)
-            grown = partial(gp.genFull, min_=0, max_=2)
-            toolbox.register("mutate_structure", lambda own, _: gp.mutUniform(own, grown, self.primitives))
-        else:
-            toolbox.register("mate", depth_first_crossover, primitives=self.primitives)
-            toolbox.register("mutate_structure", structure_mutation, primitives=self.primitives)
-        toolbox.register("mutate_operator", lambda own, _: gp.mutNodeReplacement(own, self.primitives))
-        return toolbox
 
-    def initial(self, population: int, rng: np.random.Generator) -> Trees:
-        with _deap_random(rng):
-            starts = [[self.toolbox.start() for _ in range(self.layout.outputs)] for _ in range(population)]
-        return Trees(tuple(Individual.of(map(gp.PrimitiveTree, trees)) for trees in starts))
+def children(
+    layout: Layout, pairs: Iterable[Sequence[Individual]], depth: int, style: str, crossover: float,
+    rng: np.random.Generator,
+) -> Trees:  # fmt: skip
+    """Return one child per pair of parents: the mother with one tree varied, unless that tree is deeper than ``depth``.
+    style, crossover: settings as in ``Tree``."""
+    primitives, koza, grown = primitives_of(layout), style == "koza", partial(gp.genFull, min_=0, max_=2)
 
-    def offspring(
-        self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
-    ) -> Trees:
-        assert isinstance(parents, Trees), "trees are bred from trees"
-        children = []
-        with _deap_random(rng):
-            for mother, father in zip(mothers.tolist(), fathers.tolist(), strict=True):
-                children.append(self._child(parents.individuals[mother], parents.individuals[father]))
-        return Trees(tuple(children))
+    def varied(own: gp.PrimitiveTree, other: gp.PrimitiveTree) -> gp.PrimitiveTree:
+        if gp.random.random() < crossover:
+            return (gp.cxOnePoint(own, other) if koza else depth_first_crossover(own, other, primitives))[0]
+        if gp.random.random() < 0.5:
+            return (gp.mutUniform(own, grown, primitives) if koza else structure_mutation(own, other, primitives))[0]
+        return gp.mutNodeReplacement(own, primitives)[0]
 
-    def _child(self, mother: Individual, father: Individual) -> Individual:
-        place = gp.random.randrange(len(mother.trees))
-        own = gp.PrimitiveTree(mother.trees[place])
-        other = gp.PrimitiveTree(father.trees[gp.random.randrange(len(father.trees))])
-        if gp.random.random() < self.crossover:
-            vary = self.toolbox.mate
-        else:
-            vary = self.toolbox.mutate_structure if gp.random.random() < 0.5 else self.toolbox.mutate_operator
-        child = vary(own, other)[0]
-        if len(child) > self.depth + 1 and child.height > self.depth:
-            return mother
-        return mother.replaced(place, child)
+    def child(mother: Individual, father: Individual) -> Individual:
+        place = gp.random.randrange(len(mother))
+        own = gp.PrimitiveTree(mother[place])
+        tree = varied(own, gp.PrimitiveTree(father[gp.random.randrange(len(father))]))
+        is_too_deep = len(tree) > depth + 1 and tree.height > depth
+        return mother if is_too_deep else (*mother[:place], tree, *mother[place + 1 :])
+
+    with _deap_random(rng):
+        return Trees(tuple(child(*pair) for pair in pairs))
 
 
 def _complete(

@@ -14,7 +14,7 @@ from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.representation import Population, program_of
 from gpmodel.evolution.tree import Tree
-from gpmodel.evolution.tree_population import OPERATOR_CODES, OWN_BYTE
+from gpmodel.evolution.tree_breeding import OPERATOR_CODES, OWN_CONSTANT
 from gpmodel.formula.operators import ARITHMETIC, BY_CODE, STORE, TABLE_CONSTANTS, Operator, operator_set
 
 SPECIAL = np.array(
@@ -92,7 +92,7 @@ def interpreted(programs: Population, row: int, layout: Layout, columns: dict[st
         if isinstance(programs, linear.Sequences):
             rows += [np.full(poses, c) for c in programs.constants[row]]
             return run_sequence(programs.genes[row].tolist(), layout, rows)
-        return np.array([run_tree(iter(tree), rows) for tree in programs.individuals[row].trees])
+        return np.array([run_tree(iter(tree), rows) for tree in programs.individuals[row]])
 
 
 def run_sequence(genes: list[int], layout: Layout, rows: list[np.ndarray]) -> np.ndarray:
@@ -116,7 +116,7 @@ def run_tree(nodes: Iterator[Any], rows: list[np.ndarray]) -> np.ndarray:
     node = next(nodes)
     if node.arity:
         return BY_CODE[node.code].function(*[run_tree(nodes, rows) for _ in range(node.arity)])
-    return np.full(len(rows[0]), node.value) if node.code == OWN_BYTE else rows[node.code - OPERATOR_CODES]
+    return np.full(len(rows[0]), node.value) if node.code == OWN_CONSTANT else rows[node.code - OPERATOR_CODES]
 
 
 @pytest.mark.parametrize("representation", ["linear", "tree"])
