@@ -250,7 +250,7 @@ def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
 def _nats(values: Array, targets: Targets) -> Array:
     """Return the gain, nats, of each basis function. values: basis functions (..., poses)."""
     flat = values.reshape(-1, values.shape[-1])
-    return fit_nats(targets.gains([flat]), targets.components).reshape(values.shape[:-1])
+    return fit_nats(targets.gains(flat), targets.components).reshape(values.shape[:-1])
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Trial]:

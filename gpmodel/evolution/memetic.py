@@ -52,7 +52,7 @@ class Formulas:
         self._begun: set[tuple[bytes, int]] = set()
         self._places: dict[bytes, int] = {}
         targets = problem.targets
-        self.holds_constants = not targets.gains([np.ones((1, targets.poses))])[0] > 0.0
+        self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
         """Fit the constants of new programs: some steps for all programs, then the better half to convergence."""
@@ -177,7 +177,7 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
     if not 1.0 / LARGEST < width < LARGEST:
         return
     with np.errstate(all="ignore"):
-        gains = problem.targets.gains([ELEMENTS.on_grid(values[None])[0]])
+        gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])
     nats = problem.nats(gains, program.complexity + 1 + SIZES)
     yield from ELEMENTS.best(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
 
@@ -194,9 +194,9 @@ def _joined(population: Formulas, program: Program, values: Array, name: str, el
     def summand(k: int) -> Program:
         return added(problem, program, ELEMENTS.every[k].program(plain, low, width))
 
-    gains = problem.targets.gains([values * elements])
+    gains = problem.targets.gains(values * elements)
     yield from ELEMENTS.best(np.asarray(problem.nats(gains, size)), factor)
-    gains = problem.targets.gains([values[None], elements])
+    gains = problem.targets.gains(elements, given=values)
     yield from ELEMENTS.best(np.asarray(problem.nats(gains, size + 2)), summand)
 
 

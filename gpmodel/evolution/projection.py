@@ -7,7 +7,6 @@ the column removes the share ``(phi.g)^2 / (phi^T G phi) / r.r`` of the residual
 functions is solved together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -128,41 +127,26 @@ class Targets:
         coefficients[chosen] = solution / scale[chosen]
         return self.gain_of(values, coefficients, site), coefficients
 
-    def gains(self, values: Sequence[Array], site: int = 0) -> Array:
-        """Return the gains of many sets of basis functions at one site, each set solved together.
+    def gains(self, values: Array, site: int = 0, given: Array | None = None) -> Array:
+        """Return the gain of each of many basis functions (functions, poses) at one site.
 
-        values: one array (sets, poses) for each basis function of a set; row k has the values of the function in set k.
-        An array with one row, (1, poses), is a function that belongs to every set. A basis function that is not finite,
-        is zero, or is in the span of the model's columns (share outside the span below ``unique_share``) adds no gain.
-        A set is solved in the given order, not by forward selection as in ``set_gain``. The gains of the two methods
-        differ slightly if functions of a set are nearly equal.
+        given: values (poses,) of a function with which each of the functions is solved together. A basis function that
+        is not finite, is zero, or is in the span of the model's columns (share outside the span below ``unique_share``)
+        adds no gain.
         """
-        programs, count = max(map(len, values)), len(values)
-        scaled = [unit_rows(rows) for rows in values]
-        seen = [rows @ self.cross[site].T for rows in scaled]
-        gram, total, pull = np.empty((programs, count, count)), np.empty((programs, count)), np.empty((programs, count))
-        for i in range(count):
-            weighted = scaled[i] * self.weight[site]
-            for j in range(i, count):
-                product = row_products(weighted, scaled[j])
-                gram[:, i, j] = gram[:, j, i] = product - row_products(seen[i], seen[j])
-                if i == j:
-                    total[:, i] = product
-            pull[:, i] = scaled[i] @ self.pull[site]
-        unique = np.einsum("pii->pi", gram)
-        usable = (total > 0) & (unique > self.unique_share * total)
-        scale = np.where(usable, np.sqrt(np.where(usable, unique, 1.0)), np.inf)
-        correlation = gram / scale[:, :, None] / scale[:, None, :] + np.eye(count) * ~usable[:, None, :]
-        pull, gains = pull / scale, np.zeros(programs)
-        for i in range(count):
-            share = correlation[:, i, i]
-            present = share > self.unique_share
-            inverse = np.where(present, 1.0 / np.where(present, share, 1.0), 0.0)
-            gains += pull[:, i] ** 2 * inverse
-            along = correlation[:, i + 1 :, i] * inverse[:, None]
-            pull[:, i + 1 :] -= along * pull[:, i, None]
-            correlation[:, i + 1 :, i + 1 :] -= along[:, :, None] * correlation[:, i, None, i + 1 :]
-        return gains / self.energy if self.energy > 0 else np.zeros_like(gains)
+        weight, cross, pull, known = self.weight[site], self.cross[site], self.pull[site], 0.0
+        if given is not None:  # one more column of the model
+            known = float(self.gains(given[None], site)[0]) * self.energy
+            shape = unit_rows(given[None])[0] * (known > 0.0)
+            column = weight * shape - (cross @ shape) @ cross
+            column = column / np.sqrt(max(float(column @ shape), SMALLEST))
+            cross, pull = np.vstack([cross, column]), pull - np.sqrt(known) * np.sign(pull @ shape) * column
+        scaled = unit_rows(values)
+        total = np.square(scaled) @ weight
+        unique = total - np.square(scaled @ cross.T).sum(axis=1)
+        usable = unique > self.unique_share * total
+        added = np.where(usable, (scaled @ pull) ** 2 / np.where(usable, unique, 1.0), 0.0)
+        return (known + added) / self.energy if self.energy > 0 else np.zeros(len(values))
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
         """Return the gain of basis functions with given coefficients, for example fitted to other poses than those of
@@ -216,13 +200,6 @@ def unit_rows(values: Array) -> Array:
     scaled: Array = values / np.where(usable, scale, 1.0)[:, None]
     scaled[~usable] = 0.0
     return scaled
-
-
-def row_products(first: Array, second: Array) -> Array:
-    """Return the scalar products of row k of one table with row k of a second table. If a table has one row only, the
-    row is used for every k."""
-    few, many = (first, second) if len(first) == 1 else (second, first)
-    return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:

@@ -131,7 +131,7 @@ def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
     seen_by_gp = targets(there, sites, np.arange(90))
     for text in ("sin(2*J4)", "torque_J2", "x*y"):
         basis = Expression(text)
-        columns = [basis(there.poses.states)[None]]
+        columns = basis(there.poses.states)[None]
         gains = [seen_by_gp.gains(columns, k)[0] for k in range(seen_by_gp.sites)]
         scored = scores(there, [Candidate("c", (s.effect("e", basis, "1"),), "", 0.0) for s in sites])
         np.testing.assert_allclose(gains, [s.gain for s in scored], rtol=1e-6, atol=1e-9)

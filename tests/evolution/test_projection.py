@@ -33,7 +33,7 @@ def explained(new: np.ndarray, columns: np.ndarray, residual: np.ndarray) -> tup
 def test_single_gains_are_those_of_least_squares() -> None:
     targets, sensitivity, columns, residual = planted()
     values = np.random.default_rng(1).normal(size=(7, POSES)) * np.logspace(-6, 6, 7)[:, None]
-    gains = np.stack([targets.gains([values], site) for site in range(SITES)], axis=1)
+    gains = np.stack([targets.gains(values, site) for site in range(SITES)], axis=1)
     for p, site in np.ndindex(7, SITES):
         new = (sensitivity[site] * values[p][:, None]).reshape(-1, 1)
         expected, _ = explained(new / np.abs(new).max(), columns, residual)
@@ -67,7 +67,7 @@ def test_a_column_inside_the_enabled_span_scores_nothing() -> None:
     basis, _ = np.linalg.qr(np.stack([phi, np.ones(POSES)], axis=1))
     residual = rng.normal(size=POSES)
     targets = Targets(np.ones((1, POSES)), basis.T[None], residual[None], float(residual @ residual), ("a",))
-    assert targets.gains([(phi + 1e-5 * rng.normal(size=POSES))[None]])[0] == 0.0
+    assert targets.gains((phi + 1e-5 * rng.normal(size=POSES))[None])[0] == 0.0
     assert targets.set_gain(phi[None], 0)[0] == 0.0
 
 
@@ -75,7 +75,7 @@ def test_a_column_inside_the_enabled_span_scores_nothing() -> None:
 def test_a_basis_that_is_zero_or_not_finite_scores_nothing(bad: float) -> None:
     targets, *_ = planted()
     values = np.full((1, POSES), bad)
-    assert not targets.gains([values]).any()
+    assert not targets.gains(values).any()
 
 
 def test_regression_is_the_coefficient_of_determination() -> None:
@@ -112,7 +112,7 @@ def test_shuffled_gains_are_those_of_noise_even_close_to_the_enabled_columns() -
     everything = near.pull[0] @ np.linalg.pinv(gram, rcond=1e-9) @ near.pull[0] / near.energy
     expected = everything / POSES
     for values in (other, close):
-        mean = np.mean([near.shuffled(np.random.default_rng(k)).gains([values]).mean() for k in range(30)])
+        mean = np.mean([near.shuffled(np.random.default_rng(k)).gains(values).mean() for k in range(30)])
         assert mean == pytest.approx(expected, rel=0.15)
 
 
@@ -128,13 +128,13 @@ def test_shapes_that_disagree_are_named() -> None:
         Targets(targets.weight, targets.cross[:, :, :-1], targets.pull, 1.0, targets.names)
 
 
-@pytest.mark.parametrize("members", [1, 2, 3])
-def test_many_sets_at_once_are_solved_as_each_alone(members: int) -> None:
+@pytest.mark.parametrize("bad", [None, 0.0, np.nan])
+def test_gains_given_a_function_are_those_of_both_together(bad: float | None) -> None:
     targets, *_ = planted(4)
-    values = np.random.default_rng(5).normal(size=(20, members, POSES)) * np.logspace(-4, 4, 20)[:, None, None]
-    values[3, 0] = 0.0
-    values[4, 0] = np.nan
-    gains = targets.gains(list(values.swapaxes(0, 1)), 1)
+    values = np.random.default_rng(5).normal(size=(21, POSES)) * np.logspace(-4, 4, 21)[:, None]
+    values[3], values[4] = 0.0, np.nan
+    given = 1e3 * values[20] if bad is None else np.full(POSES, bad)
+    gains = targets.gains(values, 1, given)
     for one, gain in zip(values, gains, strict=True):
-        usable = one[np.isfinite(one).all(axis=1)]
+        usable = np.array([row for row in (one, given) if np.isfinite(row).all()]).reshape(-1, POSES)
         assert gain == pytest.approx(targets.set_gain(usable, 1)[0] if len(usable) else 0.0, rel=1e-9, abs=1e-12)

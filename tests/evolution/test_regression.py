@@ -167,7 +167,7 @@ def test_gains_under_a_link_are_those_of_weighted_least_squares_beside_the_terms
         return float(rest @ rest)
 
     shape = values_of("sin(a*c)")
-    gain = link.targets(COLUMNS, response).gains([shape[None]])[0]
+    gain = link.targets(COLUMNS, response).gains(shape[None])[0]
     assert gain == pytest.approx(1.0 - left(np.column_stack([always, shape])) / left(always), rel=1e-6)
 
 

@@ -154,8 +154,8 @@ def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
     problem = SlotProblem(inputs, regression(np.sin(inputs["J1"])))
     basis = np.sin(inputs["J1"])[None]
     shuffled = problem.shuffled(np.random.default_rng(0))
-    assert problem.targets.gains([basis])[0] == pytest.approx(1.0)
-    assert shuffled.targets.gains([basis])[0] < 0.2
+    assert problem.targets.gains(basis)[0] == pytest.approx(1.0)
+    assert shuffled.targets.gains(basis)[0] < 0.2
     points = CartesianProblem(Inputs(("x", "y", "z"), inputs.values[:3]), inputs.values[:3] + inputs.values[2:5])
     assert points.shuffled(np.random.default_rng(0)).initial_norm == pytest.approx(points.initial_norm)
 

@@ -109,7 +109,7 @@ def test_without_a_function_the_problem_is_that_of_the_rest() -> None:
     gain, coefficients = targets.set_gain(both, 0)
     rest = without(targets, coefficients @ both)
     assert rest.energy == pytest.approx((1.0 - gain) * targets.energy, rel=1e-9)
-    assert np.max(rest.gains([both])) < 1e-12
+    assert np.max(rest.gains(both)) < 1e-12
 
 
 def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
@@ -117,7 +117,7 @@ def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
     u, v = np.random.default_rng(3).uniform(-1.0, 1.0, (2, POSES))
     targets, _, _ = planted(u * np.exp(v), NOISE, 2)
     some = np.array([v, np.exp(v), np.cos(3.0 * v)])
-    np.testing.assert_allclose(through(targets, u).gains([some]), targets.gains([some * u]), rtol=1e-12)
+    np.testing.assert_allclose(through(targets, u).gains(some), targets.gains(some * u), rtol=1e-12)
 
 
 @pytest.mark.long
