@@ -69,8 +69,10 @@ class Archive:
 
     def front(self, problem: Problem, layout: Layout) -> tuple[Solution, ...]:
         """Return the solutions with a larger gain than all simpler solutions, simplest first."""
-        kept = (self.kept[size] for size in sorted(self.kept))
-        found = [scored(program_at(one.population, 0, one.chosen, layout), problem, one.site) for one in kept]
+        found = []
+        for _, one in sorted(self.kept.items()):
+            outputs = [k for k in range(layout.outputs) if one.chosen >> k & 1]
+            found.append(scored(program_of(one.population, 0, layout).select(outputs), problem, one.site))
         nothing = "x, y, z" if isinstance(problem, CartesianProblem) else "0"
         return pareto(found) or (scored(parse(nothing), problem),)
 
@@ -98,11 +100,6 @@ def pareto(
 def description_length(solution: Solution, problem: SlotProblem) -> float:
     """Return the description length of a solution at a site, nats, with the penalty of its nodes and coefficients."""
     return -float(problem.nats(solution.gain, solution.complexity + len(solution.coefficients)))
-
-
-def program_at(population: Population, row: int, chosen: int, layout: Layout) -> Program:
-    """Return the program at `row` of a population with the outputs in the bit set ``chosen``."""
-    return program_of(population, row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.code import Code, Tables
-from gpmodel.evolution.kernels.compiler import compiled, inlined, reduction
+from gpmodel.evolution.kernels.compiler import compiled, inlined, largest_magnitude, reduction
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.kernels.live_code import count_by_outputs, hash_of, keep_live
 from gpmodel.evolution.kernels.machine import (
@@ -91,14 +91,6 @@ def output_values(code: Code, fixed: Array, rows: Array, values: Array) -> None:
 
 
 @reduction
-def _largest(row: Array, width: int) -> float:
-    value: float = row[0]
-    for j in range(width):
-        value = row[j] if row[j] > value else value
-    return value
-
-
-@reduction
 def _sum(row: Array, width: int) -> float:
     value = 0.0
     for j in range(width):
@@ -141,5 +133,5 @@ def compensator_fitness(
             x, y, z = rows[code.outputs[p, 0]], rows[code.outputs[p, 1]], rows[code.outputs[p, 2]]
             for j in range(width):
                 squares[j] = squared_distance(x[j] - true_x[j], y[j] - true_y[j], z[j] - true_z[j])
-            value = max(value, _largest(squares, width)) if maximum else value + _sum(squares, width)
+            value = max(value, largest_magnitude(squares[:width])) if maximum else value + _sum(squares, width)
             fitness[p] = value if value <= cutoff else np.inf

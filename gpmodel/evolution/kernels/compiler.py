@@ -5,6 +5,8 @@ from typing import ParamSpec, Protocol, TypeVar
 
 from numba import njit
 
+from gpmodel.arrays import Array
+
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
@@ -24,3 +26,12 @@ inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"},
 
 of_a_number: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 """Compiler of functions of numbers, compiled once and inlined by the optimiser."""
+
+
+@reduction
+def largest_magnitude(row: Array) -> float:
+    """Return the largest absolute value of a row without a NaN."""
+    value = 0.0
+    for j in range(len(row)):
+        value = abs(row[j]) if abs(row[j]) > value else value
+    return value

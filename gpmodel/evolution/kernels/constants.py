@@ -4,7 +4,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evolution.code import SiteStatistics
-from gpmodel.evolution.kernels.compiler import compiled, reduction
+from gpmodel.evolution.kernels.compiler import compiled, largest_magnitude, reduction
 from gpmodel.evolution.kernels.differentiation import carry_tangents
 
 _ROUNDING = 1e-13
@@ -62,9 +62,7 @@ def explained(row: Array, site: SiteStatistics, smallest: float) -> tuple[float,
     """Return gain and coefficient of one basis function (poses,), as ``Targets.set_gain`` does."""
     if not _limited(row, len(row), np.inf) or site.energy <= 0.0:
         return 0.0, 0.0
-    largest = 0.0
-    for j in range(len(row)):
-        largest = max(largest, abs(row[j]))
+    largest = largest_magnitude(row)
     if largest <= smallest:
         return 0.0, 0.0
     scaled = np.empty(len(row))

@@ -40,16 +40,6 @@ def keep_live(
 
 
 @inlined
-def _leaves(words: IntArray, count: int, base: int) -> int:
-    """Return the number of leaves of a program: the fixed rows and the program's constants. The leaves come before all
-    operators of a program."""
-    leaves = base
-    while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
-        leaves += 1
-    return leaves
-
-
-@inlined
 def _mixed(value: np.uint64, place: int) -> np.uint64:
     mixed = (value ^ (np.uint64(place + 1) * np.uint64(0xD1342543DE82EF95))) * np.uint64(0x9E3779B97F4A7C15)
     return (mixed ^ (mixed >> np.uint64(32))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -80,7 +70,9 @@ def count_by_outputs(
     """Count the nodes of live code (code that reaches an output) by the bit set of outputs that the nodes reach. reach:
     scratch space, one element per row."""
     reach[: base + count] = 0
-    leaves = _leaves(words, count, base)
+    leaves = base  # fixed rows and the program's constants, which come before all operators
+    while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
+        leaves += 1
     for k in range(len(outputs)):
         reach[outputs[k]] |= 1 << k
         sizes[1 << k] += outputs[k] < leaves

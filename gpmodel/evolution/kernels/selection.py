@@ -8,20 +8,11 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evolution.code import Scores
 from gpmodel.evolution.description_length import RESOLUTION
-from gpmodel.evolution.kernels.compiler import compiled, reduction
+from gpmodel.evolution.kernels.compiler import compiled, largest_magnitude
 
 _ROUNDING = 4e-15
 _MORE = 1.0 + 1e-9
 """Factor by which a program's output has to gain more than an earlier output to replace it, beyond rounding errors."""
-
-
-@reduction
-def largest_magnitude(row: Array) -> float:
-    """Return the largest absolute value of a finite row."""
-    value = 0.0
-    for j in range(len(row)):
-        value = abs(row[j]) if abs(row[j]) > value else value
-    return value
 
 
 @compiled
