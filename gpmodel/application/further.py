@@ -1,6 +1,7 @@
 """Errors at poses that were not fitted: bounds by simulation, errors of `predict` at held-out poses, discrepancy.
 
-Simulations draw the model's parameters from their covariance, and noise with uncertain scale and tails.
+Simulations draw the model's parameters from their covariance, and noise with uncertain scale and tails, and with the
+covariance of the coordinates.
 Source: JCGM 101 (2008), propagation of distributions.
 
 Model discrepancy is the error of a fitted model that is neither noise nor uncertainty of its parameters. With r
@@ -27,6 +28,7 @@ from gpmodel.application.predict import coordinate_deviations, observed_by, poin
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.comparison import HeldOutFit
+from gpmodel.calibration.directions import LARGEST_LEVERAGE, noise_shape
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.undeclared import has_functions
@@ -44,8 +46,6 @@ POSES = 1000
 """Number of poses of each simulated session of further measurements."""
 WORLDS = 400
 """Number of simulated sessions of further measurements. With 400 sessions the 95 % quantile is known to a percent."""
-LARGEST_LEVERAGE = 0.95
-"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is a rounding error."""
 FEWEST = 10
 """Least degrees of freedom of residuals for error bounds, and to separate noise from model discrepancy."""
 
@@ -95,14 +95,16 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
     except InputError:
         return None
     (inside, blur), (outside, around) = (leave_one_out(fit, problem, rows) for rows in (use, far))
-    noise = with_far_ones(inside, outside, count, (blur, around))
+    root = np.asarray(np.linalg.cholesky(noise_shape(inside / np.sqrt(1.0 + blur)[:, None])), dtype=np.float64)
+    near, beyond = (errors @ np.asarray(np.linalg.inv(root).T, dtype=np.float64) for errors in (inside, outside))
+    noise = with_far_ones(near, beyond, count, (blur, around))
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
     drawn = at_joint_values(known, drawn_between(saved.mechanism, low, high, POSES, rng), rng)
     there = prepare(saved.mechanism, drawn.subset(closing(fit.model, drawn, fit.theta)))
     observed = observe(fit.model, there, fit.theta, fit.placement)
     excess = 1.0 if spread is None else spread / fit.sigma
     columns = point_columns(saved, there, observed, fit.covariance.alternatives)
-    return _over_worlds(columns, fit.covariance.predictive, noise, excess, rng)
+    return _over_worlds(columns, fit.covariance.predictive, noise, excess * root, rng)
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
@@ -131,18 +133,16 @@ def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple
     return np.where(there, problem.residual[own], np.nan) / left[:, None], known / left
 
 
-def _over_worlds(
-    columns: Array, covariance: Array, noise: Tails, excess: float, rng: np.random.Generator
-) -> ErrorBounds:
+def _over_worlds(columns: Array, covariance: Array, noise: Tails, root: Array, rng: np.random.Generator) -> ErrorBounds:
     """Return bounds on the error at further poses by simulation.
 
     columns: derivatives of the predicted points with respect to the unknowns. covariance: covariance of the unknowns.
-    excess: factor on the noise.
+    root: (3, 3) matrix that turns independent errors of `noise` into errors of the coordinates of a position.
     """
     values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = root @ rng.normal(size=(len(root), WORLDS))
-    off = np.moveaxis(columns @ drawn, 2, 0) + excess * noise.drawn((WORLDS, len(columns), 3), rng)
+    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = spread @ rng.normal(size=(len(spread), WORLDS))
+    off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng) @ root.T
     distance = np.linalg.norm(off, axis=2)
     rms, within = np.sqrt(np.mean(distance**2, axis=1)), np.percentile(distance, 95, axis=1)
     return ErrorBounds(len(columns), COVERAGE, _bound(rms), _bound(within), _bound(distance.max(axis=1)))

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.directions import with_directions
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import freedom
@@ -205,6 +206,7 @@ def without_outlier_marks(calibration: Calibration) -> Calibration:
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with noise σ, columns and prior rows C.
 
+    The covariance allows for noise that depends on the direction, see `with_directions`.
     The noise variance is the sum of squares of the residual over (rows - rank), unless the model states its noise.
     Approximate values of unmeasured joints add rows for unknowns that the measurements do not determine.
     """
@@ -231,7 +233,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
         inverse = inverse_gram(columns / scale)
         fixed = ident.orthonormal(columns[:count, : problem.placement])
         shares = ident.unique_shares(np.hstack([fixed, columns[:count, problem.placement :]]))
-    covariance = sigma**2 * inverse / np.outer(scale, scale)
+    covariance = with_directions(problem, problem.columns[:, free], sigma**2 * inverse / np.outer(scale, scale), sigma)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.further import LARGEST_LEVERAGE
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
+from gpmodel.calibration.directions import LARGEST_LEVERAGE
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import tip_at_trial

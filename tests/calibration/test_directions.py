@@ -1,0 +1,73 @@
+"""Test that standard errors and bounds hold if the noise of positions depends on the direction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import Truth, measure
+from instances import some
+
+from gpmodel.application.further import further_poses
+from gpmodel.arrays import Array
+from gpmodel.calibration.directions import noise_shape
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import problem_at
+from gpmodel.model.error_model import Poses, prepare
+
+NOISES = {
+    "camera above the arm": np.diag([1e-5, 1e-5, 9e-5]),
+    "camera beside the arm": np.diag([1e-5, 6e-5, 1e-5]),
+    "oblique camera": np.array([[3e-5, 3e-5, 0.0], [3e-5, 3e-5, 0.0], [0.0, 0.0, 1e-5]]),
+    "ruler along x alone": np.diag([5e-5, 0.0, 0.0]),
+    "tracker": 3e-5 * np.eye(3),
+}
+"""Factors F of the noise F z of a position, z standard normal, m."""
+CASES = [(arm, noise) for arm in ("ur5", "irb6400r", "gantry", "dh") for noise in NOISES]
+SHORT = ("irb6400r", "camera beside the arm"), ("gantry", "oblique camera"), ("ur5", "tracker")
+
+
+def measured(arm: str, factor: Array, seed: int, count: int = 80) -> tuple[Truth, Poses]:
+    """Poses of an arm with geometric errors, measured with the noise F z."""
+    truth = measure(arm, (), (), seed, count=count, noise=0.0)
+    data = truth.poses.dataset
+    noise = np.random.default_rng([seed, 4]).normal(size=(count, 3)) @ factor.T
+    return truth, prepare(truth.model.mechanism, replace(data, position=data.position + noise))
+
+
+@pytest.mark.parametrize(("arm", "noise"), some(CASES, *SHORT))
+def test_standard_errors_are_the_spread_of_estimates_with_such_noise(arm: str, noise: str) -> None:
+    truth, poses = measured(arm, NOISES[noise], 1)
+    fit = calibrate(truth.model, poses, condition_limit=20.0, robust=False)
+    problem = problem_at(fit, poses)
+    columns = problem.columns[:, problem.free(fit.free)]
+    errors = np.random.default_rng(3).normal(size=(1000, len(poses), 3)) @ NOISES[noise].T
+    estimates = np.linalg.lstsq(columns, errors.reshape(1000, -1).T, rcond=None)[0][problem.placement :]
+    ratio = fit.stderr[fit.free] / estimates.std(axis=1)
+    seen = estimates.std(axis=1) > 1e-2 * estimates.std(axis=1).max()
+    assert 0.7 < ratio[seen].min() < ratio[seen].max() < 1.4
+
+
+@pytest.mark.parametrize("noise", some(NOISES, "camera above the arm"))
+def test_bounds_at_further_poses_hold_with_such_noise(noise: str) -> None:
+    over, typical = [], []
+    for seed in range(6):
+        truth, poses = measured("gantry", NOISES[noise], seed, count=60)
+        fit = calibrate(truth.model, poses)
+        found = further_poses(fit, poses)
+        assert found is not None
+        error = np.random.default_rng([seed, 5]).normal(size=(1000, 3)) @ NOISES[noise].T
+        rms = 1e3 * np.sqrt(np.mean(np.sum(error**2, axis=1)))
+        over.append(rms > found.rms.bound_mm)
+        typical.append(rms / found.rms.typical_mm)
+    assert sum(over) <= 1
+    assert 0.85 < np.mean(typical) < 1.15
+
+
+@pytest.mark.parametrize("freedom", [2.5, 1000.0])
+def test_noise_that_does_not_depend_on_the_direction_has_no_shape(freedom: float) -> None:
+    """Heavy tails do not raise the share of false shapes, one in a hundred."""
+    rng, found = np.random.default_rng(0), 0
+    for _ in range(400):
+        residuals = rng.normal(size=(40, 3)) / np.sqrt(rng.chisquare(freedom, size=(40, 1)))
+        found += not np.array_equal(noise_shape(residuals), np.eye(3))
+    assert found <= 12
