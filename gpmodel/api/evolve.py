@@ -55,6 +55,7 @@ from gpmodel.report.from_discovery import compensation, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import CompensationRecord
+from gpmodel.wording import left_out
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
@@ -202,7 +203,7 @@ class EvolutionResult(Shown):
             for k, name in enumerate(counted.inputs)
         ]  # fmt: skip
         head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
-        said = words.removed(self.record)
+        record, said = self.record, words.removed(self.record)
         return "\n".join(
             [
                 "Best program of each run",
@@ -212,6 +213,7 @@ class EvolutionResult(Shown):
                 "\nRuns whose best program contains each operator",
                 aligned(words.operators(self.record.histograms[0])),
                 said,
+                *([left_out(record.data.outliers, record.data.poses)] if record.data.outliers else []),
                 f"significant inputs: {words.significant_inputs(counted)}",
             ]
         )
@@ -269,8 +271,7 @@ def evolve(
     population, generations, seconds: size and time limit of one run; None for the defaults (65536 sequences, 8192
     trees; 1024 and 512 at a slot; 100 generations).
     selection: gp.Truncation or gp.Tournament; None for the best 5 % as in the thesis, and for tournaments at a slot.
-    norm: "max" or "rms" of a compensator's errors, mm. All training poses count, so that the model of a compensator is
-    fitted to outliers too.
+    norm: "max" or "rms" of a compensator's errors, mm. Outliers of the model are left out.
     workers, executor, kept: see `discover`. Raises InputError for an argument out of range.
     """
     fraction, seed, count = check_share(holdout, "holdout"), check_integer(seed, "seed"), check_integer(runs, "runs", 1)
@@ -287,7 +288,7 @@ def evolve(
     arm, poses = distinct_poses(arm, table, tuple(e for e in known if e.constant))
     models = _models(known, [named_group(effect, arm, poses) for effect in named])
     (train, held), started = split(poses.dataset, fraction, seed), time.perf_counter()
-    start = _start(poses, train, models, (arm, space == "slot", seed))
+    start = _start(poses, train, models, (arm, seed))
     task = _task(start, held, norm, space, seed)
     done = _finished(Plan(settings, count, seed), task, side_by_side, kept or KeptRuns(), Reporter(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
@@ -324,17 +325,19 @@ def _models(known: tuple[Effect, ...], groups: Models) -> Models:
 def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) -> TrainingProblem:
     """Return the problem of genetic programming for the residual of the training poses."""
     if space == "cartesian":
-        return cartesian_task(start.final, start.poses, start.train, held, norm)
+        train, held = (np.setdiff1d(rows, start.outliers) for rows in (start.train, held))
+        return cartesian_task(start.final, start.poses, train, held, norm)
     return slot_task(start.final, start.final.model.mechanism, start.of_final, seed)
 
 
-def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
-    """Fit models to the training poses. how: mechanism, whether outliers are excluded, and random seed."""
-    arm, robust, seed = how
+def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, int]) -> Ladder:
+    """Fit models to the training poses. how: mechanism and random seed."""
+    arm, seed = how
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
-    fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
+    fits = [(name, calibrate(ErrorModel(arm, of), seen, seed=seed)) for name, of in models]
     named = tuple(e for e in models[-1][1] if e not in models[0][1])
-    return Ladder(poses, train, steps_of(fits, seen, unseen), fits[-1][1], named, final_rows=train)
+    gross = calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed).outliers
+    return Ladder(poses, train, steps_of(fits, seen, unseen), fits[-1][1], named, final_rows=train, gross=gross)
 
 
 def _finished(

@@ -146,10 +146,14 @@ def _where(report: Report) -> str:
     return "held-out poses" if report.held else "training poses"
 
 
+def _left_out(report: Report) -> str:
+    rows = report.data.outliers
+    return f" {wording.left_out(rows, report.data.poses)}." if rows else ""
+
+
 def _remarks(report: Report) -> str:
     """State the outliers by row, and a held-out error far above the training error; empty without either."""
-    rows, last = report.data.outliers, report.ladder[-1]
-    said = f" {wording.left_out(rows, report.data.poses)}." if rows else ""
+    said, last = _left_out(report), report.ladder[-1]
     held, train = last.heldout.rms_mm if last.heldout else None, last.train.rms_mm
     if held and train and held > FAR_ABOVE * train:
         said += (
@@ -200,4 +204,5 @@ def of_evolution(report: Report) -> str:
         found = "The runs are too few to tell whether an input matters"
     if report.effects:
         found = f"Given {wording.listed([e.name for e in report.effects])}: {found[0].lower()}{found[1:]}"
-    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the scored residual."
+    said = f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the scored residual."
+    return said + _left_out(report)

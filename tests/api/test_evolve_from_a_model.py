@@ -1,5 +1,6 @@
 """Test that evolution starts from named effects or from a saved model."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,9 +22,9 @@ def table() -> Dataset:
     return machines(0, 1)["R-01"]
 
 
-def evolved(**asked: object) -> EvolutionResult:
-    return gp.evolve(ARM, table(), strategies=(gp.Linear(),), runs=1, population=40, generations=2, workers=1,
-                     space="slot", **asked)  # type: ignore[arg-type]  # fmt: skip
+def evolved(of: Dataset | None = None, **asked: object) -> EvolutionResult:
+    asked = {"strategies": (gp.Linear(),), "runs": 1, "population": 40, "generations": 2, "space": "slot", **asked}
+    return gp.evolve(ARM, of or table(), workers=1, **asked)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -96,3 +97,20 @@ def test_a_tree_is_never_worse_than_no_compensation(seed: int) -> None:
                       seed=seed)  # fmt: skip
     assert len(found.runs) == 2
     assert all(run.gain >= 0.0 for run in found.runs)
+
+
+@pytest.mark.first(1)
+@pytest.mark.parametrize("asked", [{"space": "cartesian", "norm": "max"}, {"space": "cartesian", "norm": "rms"}, {}])
+def test_gross_errors_are_left_out_of_training_and_held_out_poses(asked: dict[str, object]) -> None:
+    data, clean = table(), evolved(**asked)
+    train, held = clean.start.train[[3, 9]], np.setdiff1d(np.arange(len(data)), clean.start.train)[[1]]
+    position = data.position.copy()
+    position[[*train, *held], [0, 1, 2]] += [0.02, -0.035, 0.008]
+    result = evolved(replace(data, position=position), **asked)
+    assert result.record.data.outliers == tuple(sorted(data.row[[*train, *held]].tolist()))
+    for kind in ("train", "heldout"):
+        found, expected = (getattr(of.record.ladder[-1], kind).rms_mm for of in (result, clean))
+        assert found == pytest.approx(expected, rel=0.15)
+    if asked:
+        assert all(run.heldout > -1.0 for run in result.record.runs if not run.shuffled)
+    assert "3 of" in result.summary()
