@@ -27,8 +27,6 @@ LONGEST = 30
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
 """Number of parents, which are the formulas of shortest description; number of offspring whose constants are fitted;
 largest number of generations."""
-FIRST_STEPS = 4
-"""Number of steps that fit the constants of all new formulas; then only the better half of them is fitted further."""
 IMPROVED = 1.0
 """Least fall of the description length in a generation, nats, for another generation to follow."""
 DIGITS = 1e-4
@@ -52,27 +50,13 @@ class Formulas:
         self._places: dict[bytes, int] = {}
 
     def add(self, programs: Iterable[Program]) -> None:
-        """Fit the constants of new programs: some steps for all programs, then the better half to convergence."""
-        fresh = list[Program]()
+        """Fit the constants of programs whose columns are new, and add them."""
         for one in programs:
-            if one.inputs and one.complexity <= LONGEST and self.allows(one):
+            if one.inputs and one.complexity <= LONGEST and self.allows(one) and not self.problem.is_over():
                 key = self._column(one.evaluate(self.columns)[0]), one.complexity
                 if key[0] and key not in self._begun:
                     self._begun.add(key)
-                    fresh.append(one)
-        begun = [
-            polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS)
-            for one in fresh
-            if not self.problem.is_over()
-        ]
-        order = np.argsort(
-            [-float(self.problem.nats(gain, description_size(one))) for one, gain in begun], kind="stable"
-        )
-        for rank, k in enumerate(order.tolist()):
-            program = begun[k][0]
-            if 2 * rank <= len(order) and not self.problem.is_over():
-                program = polish(program, self.problem.targets, 0, self.columns)[0]
-            self.take(program)
+                    self.take(polish(one, self.problem.targets, 0, self.columns)[0])
 
     def take(self, program: Program) -> None:
         """Add a program with its constants unchanged. Of programs with equal columns only the shortest stays."""
