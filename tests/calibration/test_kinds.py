@@ -146,7 +146,7 @@ def test_a_search_weighs_kinds_again_after_every_finding() -> None:
 
 def of_evolve(arm: Mechanism, poses: Poses, effects: tuple[Effect, ...]) -> Sequence[Step]:
     models = (("standard", geometric_effects(arm)), ("effects", (*geometric_effects(arm), *effects)))
-    return start_of_evolve(poses, np.arange(60), models, (arm, True, 0)).steps
+    return start_of_evolve(poses, np.arange(60), models, (arm, 0)).steps
 
 
 def of_a_fleet(arm: Mechanism, poses: Poses, effects: tuple[Effect, ...]) -> Sequence[Step]:
