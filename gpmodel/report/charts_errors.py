@@ -31,6 +31,7 @@ from gpmodel.report.picture import (
     rows_only,
     signed,
 )
+from gpmodel.report.poses import counted, errors_of
 from gpmodel.report.schema import REGISTRATION, Report, StepRecord
 from gpmodel.report.schema_search import MovedRecord
 from gpmodel.wording import millimetres, shortened
@@ -63,7 +64,8 @@ def _sizes(report: Report) -> Iterator[Picture]:
         pair = [report.title(r) for r in report.ladder if r.step in report.before_and_after()]
         shown = [e for e in errors if e[0] in pair]
         data = report.data
-        which = f"{data.heldout} held-out {data.unit}" if report.held else f"the training {data.unit}"
+        which = f"{len(errors[0][1])} held-out {data.unit}" if report.held else f"the training {data.unit}"
+        which += " without outliers" if data.outliers else ""
         yield Picture(
             "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
             f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
@@ -84,12 +86,12 @@ def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
-    """Return title, errors at held-out poses, mm, and colour of each model in the sequence of calibrations."""
-    out = []
+    """Return title, errors at held-out poses, mm, and colour of each model in the sequence of calibrations, without
+    outliers."""
+    out, counts = [], counted(report)
     for k, rung in enumerate(report.ladder):
-        sides = report.plots.error_mm.get(rung.step)
-        error = numbers((sides.heldout if report.held else sides.train) if sides else ())
-        error = error[np.isfinite(error)]
+        error = errors_of(report, rung.step)
+        error = error[counts & np.isfinite(error)] if len(error) else error
         if len(error):
             middle = AFTER_LIGHT if rung.beyond_standard else BEFORE
             last = k == len(report.ladder) - 1
@@ -309,8 +311,7 @@ def _rows(figure: Figure, report: Report, before: Array, after: Array) -> None:
     panels[-1].set_xlabel("row of the table")
     panels[-1].set_xlim(row.min() - 1, row.max() + 1)
     for values, colour, name in series:
-        if len(values):
-            panels[0].scatter(
-                [], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS"
-            )
+        if len(values) == len(row):
+            lengths = np.linalg.norm(values[np.isin(row, outliers, invert=True)], axis=1)
+            panels[0].scatter([], [], s=18, color=colour, label=f"{name}, {millimetres(rms(lengths))} mm RMS")
     figure.legend(loc="outside upper right", ncols=2, labelcolor="markeredgecolor")

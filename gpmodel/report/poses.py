@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.report.fitted import optional
 from gpmodel.report.picture import numbers
 from gpmodel.report.schema import Report
@@ -29,7 +29,7 @@ class PoseError:
 def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
     """Return the errors of all poses, in order of decreasing error after calibration.
     steps: names of the models before and after; by default the two models that the report compares."""
-    before, after = (_errors(report, step) for step in steps or report.before_and_after())
+    before, after = (errors_of(report, step) for step in steps or report.before_and_after())
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)
     poses = [
@@ -68,7 +68,14 @@ def csv(report: Report) -> str:
     return frame.round(DECIMALS).to_csv(index=False, lineterminator="\n")
 
 
-def _errors(report: Report, step: str) -> Array:
+def counted(report: Report) -> Mask:
+    """Return a mask of the poses without outliers: of the held-out poses, or of all poses if none were held out."""
+    held = np.array(report.plots.heldout_mask, dtype=bool)
+    rows = report.plots.rows or range(1, len(held) + 1)
+    return np.isin(list(rows), report.data.outliers, invert=True) & (held | (not report.held))
+
+
+def errors_of(report: Report, step: str) -> Array:
     """Return the error of every pose, mm, after a step of the calibration; empty if the report has none."""
     held = np.array(report.plots.heldout_mask, dtype=bool)
     sides = report.plots.error_mm.get(step)

@@ -13,16 +13,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from cli_cases import robot
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from report_runs import REPORTS, calibrated, discovered
 
+import gpmodel as gp
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore, figures, poses
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER, broken
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import PlotRecord, SideErrors
+from gpmodel.wording import millimetres
 
 SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "rows"}
 
@@ -91,7 +94,7 @@ def test_error_histogram_shares_bins_and_counts_every_held_out_pose() -> None:
 def test_error_beyond_the_axis_is_said_not_dropped() -> None:
     report = discovered("nothing")
     far = SideErrors((), tuple([0.03 + 0.001 * k for k in range(99)] + [40.0]))
-    plots = dataclasses.replace(report.plots, error_mm={"standard": far})
+    plots = dataclasses.replace(report.plots, rows=(), heldout_mask=(True,) * 100, error_mm={"standard": far})
     axes = drawn(dataclasses.replace(report, plots=plots), "error_histogram").axes[0]
     assert axes.get_xlim()[1] < 1.0
     assert any("1 beyond the axis" in text.get_text() for text in axes.texts)
@@ -278,3 +281,21 @@ def test_explore_has_every_pose_its_row_and_both_residuals(case: str) -> None:
     expected = [p.after for p in sorted(poses.pose_errors(report), key=row_of)]
     np.testing.assert_allclose(dots["marker"]["color"], expected, atol=1e-3)
     assert [int(r) for r in re.findall(r'data-row="(\d+)"', text)] == [p.row for p in poses.pose_errors(report)[:30]]
+
+
+@pytest.mark.first(1)
+@pytest.mark.parametrize("holdout", [0.3, 0.0])
+def test_pictures_count_the_poses_that_the_stated_errors_count(holdout: float) -> None:
+    arm, made = robot(60, seed=5)
+    position = made.dataset.position.copy()
+    position[[4, 17, 33], [0, 1, 2]] += [0.02, -0.035, 0.008]
+    report = gp.calibrate(arm, replace(made.dataset, position=position), holdout=holdout).record
+    assert len(report.data.outliers) == 3
+    errors = report.ladder[-1].heldout if holdout else report.ladder[-1].train
+    stated = f"{millimetres(errors.rms_mm)} mm RMS"
+    texts = {picture.name: picture.alt for picture in pictures(report)}
+    assert stated in texts["error_histogram"]
+    assert stated in texts["cumulative"]
+    assert stated in str([text.get_text() for axes in drawn(report, "error_histogram").axes for text in axes.texts])
+    (shown,) = (text.get_text() for text in drawn(report, "rows").legends[0].get_texts())
+    assert float(shown.split(", ")[1].split()[0]) < 2 * errors.rms_mm
