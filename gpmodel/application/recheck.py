@@ -5,9 +5,10 @@ the columns of tool and effects, whose values have covariance Σ, and σ the noi
 
     r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
 
-Q projects out the span of V^(-1/2) F. If the model is valid, |z|² is chi-square distributed with M - rank F degrees of
-freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degrees has an F distribution. Source: Rao
-(1973), chapter 4a.
+If the noise depends on the direction, with the covariance σ² Ω of a position, its coordinates are first multiplied by
+Ω^(-1/2). Q projects out the span of V^(-1/2) F. If the model is valid, |z|² is chi-square distributed with M - rank F
+degrees of freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degrees has an F distribution.
+Source: Rao (1973), chapter 4a.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from gpmodel.application.extrapolation import extrapolated, rows_of_the_fit
 from gpmodel.application.kinematics import REACHED, matched_with_readings, tips, with_model_labels
@@ -22,6 +24,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.directions import equalising, noise_of, noise_root
 from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
@@ -193,6 +196,35 @@ class Spread:
 
 
 @dataclass(frozen=True)
+class Rows:
+    """Rows of a later session with equal noise, one per pose and component: repeats of a pose are averaged.
+
+    shape: covariance Ω of the coordinates of a position relative to the noise σ², by the residuals of the fit.
+    """
+
+    blocks: Whitening
+    shape: Array
+    equalising: sparse.csr_matrix | None
+
+    @classmethod
+    def of(cls, session: Session, problem: Linearised, pose_id: IntArray) -> "Rows":
+        """Return the rows of a linear problem."""
+        fitted = rows_of_the_fit(session.saved, session.fitted)
+        alike = fitted is not None and fitted.observed.kinds[0].name == problem.observed.kinds[0].name
+        shape = noise_of(fitted) if fitted is not None and alike else np.eye(3)
+        return cls(blocks_of(problem, pose_id), shape, equalising(problem, shape))
+
+    def means(self, values: Array) -> Array:
+        """Return values of the rows of the linear problem at rows of equal noise."""
+        return self.blocks.means(values if self.equalising is None else self.equalising @ values)
+
+    @property
+    def first(self) -> IntArray:
+        """Number of the first row of the linear problem in every block of repeats."""
+        return np.unique(self.blocks.block, return_index=True)[1]
+
+
+@dataclass(frozen=True)
 class Recheck:
     """Whitened residuals of a later session.
 
@@ -204,7 +236,7 @@ class Recheck:
 
     session: Session
     problem: Linearised
-    blocks: Whitening
+    blocks: Rows
     spread: Spread
     z: Array
     basis: Array
@@ -260,9 +292,10 @@ class Recheck:
             rows = np.flatnonzero(self.pose == code)
             inside = np.eye(len(rows)) - placed[rows] @ placed[rows].T + own[rows] @ own[rows].T
             covariance = self.spread.sigma**2 * inside
+            root = noise_root(self.blocks.shape, self._component[rows])
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.pose_id == code) & self.session.use
-            promised[here] = np.sqrt(np.trace(covariance[~turns[rows]][:, ~turns[rows]]))
+            promised[here] = np.sqrt(np.sum(np.diag(root @ covariance @ root.T)[~turns[rows]]))
             chance[here] = chance_of_ratio(unlikely / len(rows), len(rows), self.freedom)
         return promised, chance
 
@@ -271,9 +304,14 @@ class Recheck:
         """Mask of the rows of the linear problem that are angles."""
         if self.problem.reduced is not None:
             return np.zeros(len(self.z), dtype=bool)
-        component = np.nonzero(self.problem.weights > 0)[1]
-        first = np.unique(self.blocks.block, return_index=True)[1]
-        return np.asarray(self.problem.observed.turns[component[first]])
+        return np.asarray(self.problem.observed.turns[self._component])
+
+    @property
+    def _component(self) -> IntArray:
+        """Component of every row; 3, as of no position, if unmeasured joints were eliminated."""
+        if self.problem.reduced is not None:
+            return np.full(len(self.z), 3)
+        return np.asarray(np.nonzero(self.problem.weights > 0)[1][self.blocks.first])
 
     def rows_of(self, effects: Sequence[Effect]) -> Array:
         """Return the weighted derivatives of the measured rows with respect to the coefficient of each effect.
@@ -297,7 +335,7 @@ def recheck(session: Session) -> Recheck:
     """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     pose_id = sharing(session.poses.dataset)
-    blocks = blocks_of(problem, pose_id)
+    blocks = Rows.of(session, problem, pose_id)
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     values, vectors = np.linalg.eigh(saved.covariance.predictive)
@@ -313,10 +351,18 @@ def recheck(session: Session) -> Recheck:
     placed = spread.whiten(rows[:, free])
     basis = rank.orthonormal(placed)
     z = rank.remove(basis, spread.whiten(blocks.means(problem.residual)))
-    first = np.unique(blocks.block, return_index=True)[1]
     names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
     found = Recheck(
-        session, problem, blocks, spread, z, basis, pose_id, pose_id[problem.pose_of_row[first]], saved.freedom, names
+        session,
+        problem,
+        blocks,
+        spread,
+        z,
+        basis,
+        pose_id,
+        pose_id[problem.pose_of_row[blocks.first]],
+        saved.freedom,
+        names,
     )
     count = different_poses(session.poses.dataset)
     if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:

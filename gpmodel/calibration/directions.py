@@ -11,10 +11,11 @@ heteroskedasticity-consistent covariance matrix estimator.
 """
 
 import numpy as np
-from scipy import special
+from scipy import sparse, special
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.numerics import rank
 from gpmodel.numerics.interval import SIGNIFICANCE
 
 LARGEST_LEVERAGE = 0.95
@@ -83,3 +84,29 @@ def noise_shape(residuals: Array) -> Array:
     moments = residuals.T @ residuals
     shape = 3.0 * moments / np.trace(moments) + LEAST_VARIANCE * np.eye(3)
     return np.asarray(shape / (1.0 + LEAST_VARIANCE))
+
+
+def noise_of(fitted: Linearised) -> Array:
+    """Return the covariance Ω of `noise_shape` from the residuals of a fit of all columns; the unit matrix if joint
+    values are unmeasured."""
+    if fitted.reduced is not None:
+        return np.eye(3)
+    basis = rank.orthonormal(fitted.columns)
+    return noise_shape(_residuals(fitted, basis, np.eye(basis.shape[1])))
+
+
+def noise_root(shape: Array, components: IntArray) -> Array:
+    """Return F with F Fᵀ the covariance of the components of one pose: Ω = `shape` of its coordinates (0, 1, 2), and
+    the unit matrix of the others. components: in ascending order."""
+    out, count = np.eye(len(components)), int(np.count_nonzero(components < 3))
+    out[:count, :count] = np.linalg.cholesky(shape[np.ix_(components[:count], components[:count])])
+    return out
+
+
+def equalising(problem: Linearised, shape: Array) -> sparse.csr_matrix | None:
+    """Return the matrix that combines the rows of each pose so that their noise is equal; None for equal noise."""
+    if problem.reduced is not None or np.array_equal(shape, np.eye(3)):
+        return None
+    pose, component = np.nonzero(problem.weights > 0)
+    parts = np.split(component, np.flatnonzero(np.diff(pose)) + 1)
+    return sparse.block_diag([np.linalg.inv(noise_root(shape, part)) for part in parts], format="csr")
