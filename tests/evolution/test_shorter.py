@@ -16,6 +16,9 @@ COLUMNS = {"x": X[0], "y": X[1]}
 @pytest.mark.parametrize(
     ("long", "short"),
     [
+        ("y*sin(x + 1.5708)", "cos(x)*y"),
+        ("sin(2*(x - 1.57))", "cos(2*x)"),
+        ("cos(x - 1.57)", "sin(x)"),
         ("x - 0.002", "x"),
         ("0.998*x", "x"),
         ("sin((-0.99)*x + y)", "sin(y - x)"),
