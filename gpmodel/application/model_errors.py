@@ -21,7 +21,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import NamedChange
 from gpmodel.application.possible_changes import LEAST, SET_UP, PossibleChange
 from gpmodel.application.recheck import Recheck
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.errors import InputError
@@ -98,7 +98,11 @@ class _Both:
         def only_later(columns: Array) -> Array:
             return beside(np.zeros((len(fit.residual), columns.shape[1])), columns)
 
-        common = near.blocks.means(_at_later_rows(fit, later, free))
+        there = [*later.placement_names, *(e.name for e in near.session.saved.model.effects)]
+        before = [*fit.placement_names, *(e.name for e in saved.model.effects)]
+        kept = {name: later.columns[:, k] for k, name in enumerate(there) if not free[k]}
+        nothing = np.zeros(len(later.residual))
+        common = near.blocks.means(np.column_stack([kept.get(name, nothing) for name in before]))
         columns = [stacked(fit.columns, common, ridge), only_later(near.blocks.means(later.columns[:, free]))]
         tested = [_possible_before(fit.poses, change) for change in chosen]
         for change, part, both in zip(chosen, own, tested, strict=True):
@@ -141,18 +145,6 @@ def _kept(columns: Array, span: Array) -> Array:
     """Return columns without their projection on a span; zero where only rounding errors remain."""
     left = rank.remove(span, columns)
     return np.where(np.linalg.norm(left, axis=0) > LEAST * np.linalg.norm(columns, axis=0), left, 0.0)
-
-
-def _at_later_rows(fit: Linearised, later: Linearised, free: Mask) -> Array:
-    """Return the columns of the later rows in the order of the columns of the fit. free: columns fitted anew."""
-    out = np.zeros((len(later.residual), fit.columns.shape[1]))
-    at = {name: k for k, name in enumerate(fit.placement_names)}
-    for k, name in enumerate(later.placement_names):
-        if not free[k] and name in at:
-            out[:, at[name]] = later.columns[:, k]
-    effects = fit.columns.shape[1] - fit.placement
-    out[:, fit.placement :] = later.columns[:, later.placement : later.placement + effects]
-    return out
 
 
 def _priors(saved: SavedModel, fit: Linearised, sigma: float) -> tuple[Array, Array]:

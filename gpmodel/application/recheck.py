@@ -54,12 +54,14 @@ class Session:
 
     use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
     tool: True if the tool point of every tool is fitted again.
+    shape: covariance Ω of the coordinates of a position relative to the noise σ², by the residuals of the fit.
     """
 
     saved: SavedModel
     poses: Poses
     use: Mask
     fitted: Placement
+    shape: Array
     tool: bool = False
 
     @property
@@ -115,18 +117,22 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
     ]
 
 
-def settled(saved: SavedModel, dataset: Dataset) -> Session:
+def settled(saved: SavedModel, dataset: Dataset, whole: SavedModel | None = None) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
-    saved: model of effects that apply later. Raises InputError as `matched_with_readings`, for an unknown tool, and for
-    fewer than three poses of a set-up.
+    saved: model of effects that apply later. whole: the model with all effects of its fit, if not `saved`. Raises
+    InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
+    whole = whole or saved
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
     dataset = matched_with_readings(saved, dataset)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
-    return refitted(Session(_placed(saved, dataset), poses, np.ones(len(dataset), dtype=bool), fitted))
+    use, before = np.ones(len(dataset), dtype=bool), rows_of_the_fit(whole, whole.placement)
+    alike = before is not None and before.observed.kinds[0].name == observations(dataset)[0].name
+    shape = noise_of(before) if before is not None and alike else np.eye(3)
+    return refitted(Session(_placed(saved, dataset), poses, use, fitted, shape))
 
 
 def refitted(session: Session, effects: frozenset[str] = frozenset()) -> Session:
@@ -197,22 +203,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a later session with equal noise, one per pose and component: repeats of a pose are averaged.
-
-    shape: covariance Ω of the coordinates of a position relative to the noise σ², by the residuals of the fit.
-    """
+    """Rows of a later session with equal noise, one per pose and component: repeats of a pose are averaged."""
 
     blocks: Whitening
-    shape: Array
     equalising: sparse.csr_matrix | None
-
-    @classmethod
-    def of(cls, session: Session, problem: Linearised, pose_id: IntArray) -> "Rows":
-        """Return the rows of a linear problem."""
-        fitted = rows_of_the_fit(session.saved, session.fitted)
-        alike = fitted is not None and fitted.observed.kinds[0].name == problem.observed.kinds[0].name
-        shape = noise_of(fitted) if fitted is not None and alike else np.eye(3)
-        return cls(blocks_of(problem, pose_id), shape, equalising(problem, shape))
 
     def means(self, values: Array) -> Array:
         """Return values of the rows of the linear problem at rows of equal noise."""
@@ -292,7 +286,7 @@ class Recheck:
             rows = np.flatnonzero(self.pose == code)
             inside = np.eye(len(rows)) - placed[rows] @ placed[rows].T + own[rows] @ own[rows].T
             covariance = self.spread.sigma**2 * inside
-            root = noise_root(self.blocks.shape, self._component[rows])
+            root = noise_root(self.session.shape, self._component[rows])
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.pose_id == code) & self.session.use
             promised[here] = np.sqrt(np.sum(np.diag(root @ covariance @ root.T)[~turns[rows]]))
@@ -335,7 +329,7 @@ def recheck(session: Session) -> Recheck:
     """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     pose_id = sharing(session.poses.dataset)
-    blocks = Rows.of(session, problem, pose_id)
+    blocks = Rows(blocks_of(problem, pose_id), equalising(problem, session.shape))
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     values, vectors = np.linalg.eigh(saved.covariance.predictive)

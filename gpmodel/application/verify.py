@@ -261,10 +261,10 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
 
     The later session may use another instrument, or another position of the instrument.
     """
-    without = recheck(settled(usable(saved), dataset))
+    without = recheck(settled(usable(saved), dataset, saved))
     if not any(e.of_the_instrument and v for e, v in zip(saved.model.effects, saved.theta, strict=True)):
         return without, None
-    beside = recheck(settled(usable(saved, as_measured=True), dataset))
+    beside = recheck(settled(usable(saved, as_measured=True), dataset, saved))
     same = beside.chi_square < without.chi_square
     return (beside if same else without), same
 
