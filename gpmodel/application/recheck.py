@@ -202,7 +202,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Rows:
+class EqualRows:
     """Rows of a later session with equal noise, one per pose and component: repeats of a pose are averaged."""
 
     blocks: Whitening
@@ -230,7 +230,7 @@ class Recheck:
 
     session: Session
     problem: Linearised
-    blocks: Rows
+    blocks: EqualRows
     spread: Spread
     z: Array
     basis: Array
@@ -329,7 +329,7 @@ def recheck(session: Session) -> Recheck:
     """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     pose_id = sharing(session.poses.dataset)
-    blocks = Rows(blocks_of(problem, pose_id), equalising(problem, session.shape))
+    blocks = EqualRows(blocks_of(problem, pose_id), equalising(problem, session.shape))
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     values, vectors = np.linalg.eigh(saved.covariance.predictive)
