@@ -10,6 +10,7 @@ Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable p
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import ELEMENTS, Trial, combine, constant
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
-from gpmodel.evolution.shorter import shorter_forms
+from gpmodel.evolution.shorter import replaced, scaled_in, shorter_forms
 from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Node, Program, description_size
 
@@ -48,10 +49,12 @@ class Formulas:
         self.generation = 0
         self._begun: set[tuple[bytes, int]] = set()
         self._places: dict[bytes, int] = {}
+        targets = problem.targets
+        self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
         """Fit the constants of programs whose columns are new, and add them."""
-        for one in programs:
+        for one in map(_centred, programs) if self.holds_constants else programs:
             if one.inputs and one.complexity <= LONGEST and self.allows(one) and not self.problem.is_over():
                 key = self._column(one.evaluate(self.columns)[0]), one.complexity
                 if key[0] and key not in self._begun:
@@ -95,6 +98,20 @@ class Formulas:
             return b""
         column = column * np.sign(column[np.argmax(np.abs(column))]) / np.abs(column).max()
         return bytes(np.round(column / DIGITS).astype(np.int32))
+
+
+def _centred(program: Program) -> Program:
+    """Replace logistic(c x) by tanh(c/2 x). The difference is a constant, which the geometric constants contain."""
+    root = program.outputs[0]
+    if program.nodes[root].operator != "logistic":
+        return program
+    inside = program.nodes[program.nodes[root].arguments[0]]
+    scales = {k: program.nodes[k].value for k in inside.arguments if program.nodes[k].operator == "constant"}
+    if inside.operator != "multiply" or len(scales) != 1:
+        return program
+    ((scale, value),) = scales.items()
+    (scaled,) = (k for k in inside.arguments if k != scale)
+    return replaced(program, {root: partial(scaled_in, "tanh", 0.5 * float(value or 0.0), scaled)})
 
 
 def evolve_formulas(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:

@@ -4,11 +4,14 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.code import Scores
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.representation import Representation, Rows, check_ranges
+from gpmodel.evolution.representation import Representation, check_ranges
+
+Rows = NDArray[np.intp]
 
 
 @runtime_checkable
@@ -19,7 +22,7 @@ class SelectionScheme(Protocol):
         """Return the number of best programs that can have children or survive; the other programs need no score.
         Raises InputError if the population is too small."""
 
-    def parents(self, scores: Scores, rng: np.random.Generator) -> Rows:
+    def parents(self, scores: Scores, rng: np.random.Generator) -> NDArray[np.intp]:
         """Return the row numbers (2, population) of the mothers and fathers of the next generation."""
 
     def survivors(self, scores: Scores, population: int) -> Rows | None:

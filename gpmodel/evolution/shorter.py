@@ -1,13 +1,14 @@
 """Shorter forms of an evolved program: one node less, or a constant at a value that needs no node.
 
-Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, an exponent of 2, and a constant equal
-to another constant, whose terms can be merged:
-    x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  |x|^2 = x²
+Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and
+a constant equal to another constant, whose terms can be merged:
+    x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
 The constants need not be near the listed values: each shorter form is fitted again and selected by its description
 length.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from itertools import permutations
 
 from gpmodel.formula.program import Builder, Node, Program
@@ -22,10 +23,10 @@ def shorter_forms(program: Program) -> Iterator[Program]:
     every constant takes values that make its node superfluous, and constants are set equal."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
-            shorter = _replaced(program, {index: ("", [argument])})
+            shorter = replaced(program, {index: partial(_argument, argument)})
             if shorter.inputs:
                 yield shorter
-                if node.operator in MINUS:
+                if node.operator in ("add", "subtract"):
                     yield from _with_other_wave(program, index, argument)
         yield from _without_constant(program, index, node)
     values = program.constants
@@ -35,16 +36,28 @@ def shorter_forms(program: Program) -> Iterator[Program]:
             yield tied
 
 
-def _replaced(program: Program, made: Mapping[int, tuple[str, Sequence[int]]]) -> Program:
-    """Return the program in which some nodes are replaced, by number, by an operator ("": none) of earlier nodes."""
+Made = Callable[[Builder, list[int]], int]
+"""Function that adds nodes to a builder, given the new indices of the earlier nodes, and returns the index of the last
+added node."""
+
+
+def replaced(program: Program, made: Mapping[int, Made]) -> Program:
+    """Return the program in which some nodes are replaced. made: function that adds the replacement, by index of the
+    node."""
 
     def build(builder: Builder, node: Node, copies: list[int]) -> int:
-        operator, arguments = made.get(len(copies), (node.operator, ()))
-        if not arguments:
-            return builder.add(node, copies)
-        return builder.apply(operator, *(copies[k] for k in arguments)) if operator else copies[arguments[0]]
+        make = made.get(len(copies))
+        return make(builder, copies) if make else builder.add(node, copies)
 
     return program.rebuilt(build)
+
+
+def _argument(argument: int, builder: Builder, copies: list[int]) -> int:
+    return copies[argument]
+
+
+def _applied(operator: str, arguments: tuple[int, ...], builder: Builder, copies: list[int]) -> int:
+    return builder.apply(operator, *(copies[k] for k in arguments))
 
 
 def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
@@ -56,7 +69,8 @@ def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Pr
     for wave in range(index + 1, len(program.nodes)):
         node = program.nodes[wave]
         if node.operator in OTHER_WAVE and inside.intersection(node.arguments):
-            yield _replaced(program, {index: ("", [argument]), wave: (OTHER_WAVE[node.operator], node.arguments)})
+            other_wave = partial(_applied, OTHER_WAVE[node.operator], node.arguments)
+            yield replaced(program, {index: partial(_argument, argument), wave: other_wave})
         if node.operator in LINEAR and inside.intersection(node.arguments):
             inside.add(wave)
 
@@ -69,6 +83,23 @@ def _without_constant(program: Program, index: int, node: Node) -> Iterator[Prog
         if node.operator in MINUS and inner.operator == "multiply":
             for factor, scaled in (inner.arguments, inner.arguments[::-1]):
                 if nodes[factor].operator == "constant" and float(nodes[factor].value or 0.0) < 0.0:
-                    yield _replaced(program, {index: (MINUS[node.operator], (other, scaled))})
+                    yield replaced(program, {index: partial(_applied, MINUS[node.operator], (other, scaled))})
+        elif node.operator in MINUS and inner.operator == "tanh" and nodes[other].operator == "constant":
+            above = float(nodes[other].value or 0.0) * (1.0 if node.operator == "add" else -1.0)
+            yield from _logistic(program, index, nodes[inner.arguments[0]], above < 0.0)
         elif node.operator == "power" and inner.operator == "abs":
-            yield _replaced(program, {index: ("square", inner.arguments)})
+            yield replaced(program, {index: partial(_applied, "square", inner.arguments)})
+
+
+def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterator[Program]:
+    """Yield the program with tanh(k x) and a constant replaced by logistic(±2 k x). inside: node of the term k x."""
+    for factor, scaled in (inside.arguments, inside.arguments[::-1]) if inside.operator == "multiply" else ():
+        scale = program.nodes[factor]
+        if scale.operator == "constant":
+            twice = (-2.0 if falls else 2.0) * float(scale.value or 0.0)
+            yield replaced(program, {index: partial(scaled_in, "logistic", twice, scaled)})
+
+
+def scaled_in(operator: str, scale: float, inner: int, builder: Builder, copies: list[int]) -> int:
+    """Add to a builder an operator applied to a node times a number."""
+    return builder.apply(operator, builder.apply("multiply", builder.constant(scale), copies[inner]))

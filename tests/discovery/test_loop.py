@@ -153,6 +153,7 @@ def test_the_number_of_workers_changes_no_number() -> None:
 @pytest.mark.long
 def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every round another wave is promising, and the selection wants none of them."""
+    alone = quick().findings
     truth, train, heldout = robot("gear", 0)
     asked: list[Candidate] = []
 
@@ -165,7 +166,7 @@ def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeyp
 
     monkeypatch.setattr(a_round, "_promising", another)
     answer = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK)
-    assert [f.candidate for f in answer.findings] == [f.candidate for f in quick().findings]
+    assert [f.candidate for f in answer.findings] == [f.candidate for f in alone]
     assert [r.evolved for r in answer.rounds] == [(candidate,) for candidate in asked]
     assert answer.stopped == "no further effect is significant"
 
