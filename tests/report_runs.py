@@ -88,8 +88,7 @@ def evolved() -> Report:
     runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]
     counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
     unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
-    start = Ladder(poses, train, steps_of([("standard", fit)], poses.subset(train), unseen), fit, final_rows=train,
-                   gross=fit.outliers)  # fmt: skip
+    start = Ladder(poses, train, steps_of([("standard", fit)], poses.subset(train), unseen), fit, final_rows=train)
     origin = Origin("gpmodel evolve measured.csv", 0, 2.0)
     return from_evolution(start, runs, counted, origin, compensation(runs, task.problem))
 

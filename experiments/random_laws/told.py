@@ -71,10 +71,10 @@ def judged(seed: int, factors: int | str, index: int, method: str, folder: Path)
     models = (gp.calibrate(files[1], files[0], some, holdout=0.0).model for some in ([], effects))
     positions = *(predicted(model, files[2]) for model in models), oracle(robot, files)[0]
     errors = [rms_mm(found - robot.fresh.clean) for found in positions]
-    written = (
-        {"law": str(formula), "nodes": nodes(str(formula)), "named": False, "found_by": "evolved"} if formula else {}
-    )
-    found = [{**written, "inputs": len(formula.inputs)}] if formula else []
+    found = []
+    if formula:
+        size = {"inputs": len(formula.inputs), "nodes": nodes(str(formula))}
+        found = [{"law": str(formula), **size, "named": False, "found_by": "evolved"}]
     return {
         "method": method, "seed": seed, "factors": factors, "index": index, **drawn(robot), "geometry_mm": errors[0],
         "error_mm": errors[1], "oracle_mm": errors[2], "ratio": errors[1] / errors[2], "explained": explained(*errors),

@@ -203,7 +203,7 @@ class EvolutionResult(Shown):
             for k, name in enumerate(counted.inputs)
         ]  # fmt: skip
         head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
-        record, said = self.record, words.removed(self.record)
+        record = self.record
         return "\n".join(
             [
                 "Best program of each run",
@@ -211,8 +211,8 @@ class EvolutionResult(Shown):
                 "\nRuns whose best program contains each input (in brackets: on permuted residuals)",
                 aligned([head, *rows]),
                 "\nRuns whose best program contains each operator",
-                aligned(words.operators(self.record.histograms[0])),
-                said,
+                aligned(words.operators(record.histograms[0])),
+                words.removed(record),
                 *([left_out(record.data.outliers, record.data.poses)] if record.data.outliers else []),
                 f"significant inputs: {words.significant_inputs(counted)}",
             ]
@@ -336,8 +336,8 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, seed=seed)) for name, of in models]
     named = tuple(e for e in models[-1][1] if e not in models[0][1])
-    gross = calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed).outliers
-    return Ladder(poses, train, steps_of(fits, seen, unseen), fits[-1][1], named, final_rows=train, gross=gross)
+    gross = calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed).outliers.tolist()
+    return Ladder(poses, train, steps_of(fits, seen, unseen), fits[-1][1], named, final_rows=train, gross=tuple(gross))
 
 
 def _finished(

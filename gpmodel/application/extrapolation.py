@@ -1,6 +1,6 @@
 """Errors of a fitted model at inputs and payloads beyond the fitted ranges."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -56,6 +56,12 @@ def rows_of_the_fit(saved: SavedModel, placement: Placement) -> Linearised | Non
     return first if use.all() else linearise(*here, use)
 
 
+def in_order_of(wanted: Sequence[object], names: Sequence[object], columns: Array) -> Array:
+    """Return columns (rows, names) in the order of the names `wanted`; zero for a name without a column."""
+    by_name, nothing = dict(zip(names, columns.T, strict=True)), np.zeros(len(columns))
+    return np.column_stack([by_name.get(name, nothing) for name in wanted])
+
+
 def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Iterator[Array]:
     beyond = columns_beyond(saved, problem.poses)
     fit = rows_of_the_fit(saved, placed) if beyond else None
@@ -69,14 +75,13 @@ def _unlearned(saved: SavedModel, placed: Placement, problem: Linearised) -> Ite
         for effect in candidate.effects
         if beyond & set(effect.inputs) and effect.name not in own and not effect.of_the_instrument
     ]
-    numbers, nothing = range(len(saved.model.effects)), np.zeros(len(problem.residual))
-    there = dict(zip([*problem.placement_names, *numbers], problem.columns.T, strict=True))
-    later = [there.get(key, nothing) for key in (*fit.placement_names, *numbers)]
+    there, before = ([*p.placement_names, *range(len(saved.model.effects))] for p in (problem, fit))
+    later = in_order_of(before, there, problem.columns)
     h, g = (p.effect_rows(effects, saved.model) for p in (fit, problem))
     share = np.linalg.lstsq(fit.columns, h, rcond=1e-9)[0]
     left = without_eliminated(h - fit.columns @ share, np.linalg.norm(h, axis=0))
     known = np.linalg.norm(left, axis=0)
-    moved = g - np.column_stack(later) @ share
+    moved = g - later @ share
     yield saved.spread * moved[:, known > 0] / known[known > 0]
 
 

@@ -139,8 +139,7 @@ def _over_worlds(columns: Array, covariance: Array, noise: Tails, root: Array, r
     columns: derivatives of the predicted points with respect to the unknowns. covariance: covariance of the unknowns.
     root: (3, 3) matrix that turns independent errors of `noise` into errors of the coordinates of a position.
     """
-    values, vectors = np.linalg.eigh(covariance)
-    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    spread = rank.square_root(covariance)
     drawn = spread @ rng.normal(size=(len(spread), WORLDS))
     off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng) @ root.T
     distance = np.linalg.norm(off, axis=2)

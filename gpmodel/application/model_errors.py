@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.changed_model import with_changes
-from gpmodel.application.extrapolation import rows_of_the_fit
+from gpmodel.application.extrapolation import in_order_of, rows_of_the_fit
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.named_changes import NamedChange
 from gpmodel.application.possible_changes import LEAST, SET_UP, PossibleChange
@@ -100,9 +100,8 @@ class _Both:
 
         there = [*later.placement_names, *(e.name for e in near.session.saved.model.effects)]
         before = [*fit.placement_names, *(e.name for e in saved.model.effects)]
-        kept = {name: later.columns[:, k] for k, name in enumerate(there) if not free[k]}
-        nothing = np.zeros(len(later.residual))
-        common = near.blocks.means(np.column_stack([kept.get(name, nothing) for name in before]))
+        known = [k for k in range(len(there)) if not free[k]]
+        common = near.blocks.means(in_order_of(before, [there[k] for k in known], later.columns[:, known]))
         columns = [stacked(fit.columns, common, ridge), only_later(near.blocks.means(later.columns[:, free]))]
         tested = [_possible_before(fit.poses, change) for change in chosen]
         for change, part, both in zip(chosen, own, tested, strict=True):

@@ -117,6 +117,15 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
     ]
 
 
+def _noise_shape(saved: SavedModel, dataset: Dataset) -> Array:
+    """Return the covariance Ω of a position's coordinates relative to the noise σ², by the residuals of the fit; the
+    unit matrix if the model has no measurements, or a later table `dataset` begins with another kind of measurement."""
+    fit = rows_of_the_fit(saved, saved.placement)
+    if fit is None or fit.observed.kinds[0].name != observations(dataset)[0].name:
+        return np.eye(3)
+    return noise_of(fit)
+
+
 def settled(saved: SavedModel, dataset: Dataset, whole: SavedModel | None = None) -> Session:
     """Fit the registration of later poses to a model; its other parameters are unchanged.
 
@@ -129,10 +138,8 @@ def settled(saved: SavedModel, dataset: Dataset, whole: SavedModel | None = None
     dataset = matched_with_readings(saved, dataset)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
-    use, before = np.ones(len(dataset), dtype=bool), rows_of_the_fit(whole, whole.placement)
-    alike = before is not None and before.observed.kinds[0].name == observations(dataset)[0].name
-    shape = noise_of(before) if before is not None and alike else np.eye(3)
-    return refitted(Session(_placed(saved, dataset), poses, use, fitted, shape))
+    use = np.ones(len(dataset), dtype=bool)
+    return refitted(Session(_placed(saved, dataset), poses, use, fitted, _noise_shape(whole, dataset)))
 
 
 def refitted(session: Session, effects: frozenset[str] = frozenset()) -> Session:
@@ -212,7 +219,7 @@ class EqualRows:
         """Return values of the rows of the linear problem at rows of equal noise."""
         return self.blocks.means(values if self.equalising is None else self.equalising @ values)
 
-    @property
+    @cached_property
     def first(self) -> IntArray:
         """Number of the first row of the linear problem in every block of repeats."""
         return np.unique(self.blocks.block, return_index=True)[1]
@@ -281,12 +288,13 @@ class Recheck:
         promised, chance = (np.full(len(self.pose_id), np.nan) for _ in range(2))
         placed = rank.orthonormal(self.blocks.means(self.problem.columns[:, self.session.anew(self.problem)]))
         left = rank.remove(placed, self.blocks.means(self.problem.residual))
-        own, turns = rank.remove(placed, self.spread.u) * self.spread.s, self._turns
+        own = rank.remove(placed, self.spread.u) * self.spread.s
+        turns, component = self._turns, self._component
         for code in np.unique(self.pose):
             rows = np.flatnonzero(self.pose == code)
             inside = np.eye(len(rows)) - placed[rows] @ placed[rows].T + own[rows] @ own[rows].T
             covariance = self.spread.sigma**2 * inside
-            root = noise_root(self.session.shape, self._component[rows])
+            root = noise_root(self.session.shape, component[rows])
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.pose_id == code) & self.session.use
             promised[here] = np.sqrt(np.sum(np.diag(root @ covariance @ root.T)[~turns[rows]]))
@@ -332,32 +340,21 @@ def recheck(session: Session) -> Recheck:
     blocks = EqualRows(blocks_of(problem, pose_id), equalising(problem, session.shape))
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
-    values, vectors = np.linalg.eigh(saved.covariance.predictive)
     sigma = max(saved.spread, REACHED)
     rows, (functions, made_up) = blocks.means(problem.columns), _functions(session, problem)
     own = -blocks.means(made_up)
     own[:, at[known]] += rows[:, known]
     own = np.hstack([own, blocks.means(problem.effect_rows(saved.covariance.alternatives, saved.model))])
     beyond = extrapolated(saved, session.fitted, problem)
-    unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions), blocks.means(beyond)]
+    unsure = [own @ rank.square_root(saved.covariance.predictive), blocks.means(functions), blocks.means(beyond)]
     u, s, _ = np.linalg.svd(np.hstack(unsure) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)
     placed = spread.whiten(rows[:, free])
     basis = rank.orthonormal(placed)
     z = rank.remove(basis, spread.whiten(blocks.means(problem.residual)))
     names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
-    found = Recheck(
-        session,
-        problem,
-        blocks,
-        spread,
-        z,
-        basis,
-        pose_id,
-        pose_id[problem.pose_of_row[blocks.first]],
-        saved.freedom,
-        names,
-    )
+    pose = pose_id[problem.pose_of_row[blocks.first]]
+    found = Recheck(session, problem, blocks, spread, z, basis, pose_id, pose, saved.freedom, names)
     count = different_poses(session.poses.dataset)
     if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:
         raise InputError(

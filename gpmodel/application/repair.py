@@ -184,9 +184,9 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
     covariance[~held] = covariance[:, ~held] = 0.0
     size = np.sqrt(np.diag(covariance))
     known = size > 0
-    values, vectors = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(size[known], size[known]))
+    scaled = covariance[np.ix_(known, known)] / np.outer(size[known], size[known])
     root = np.zeros((len(size), known.sum()))
-    root[known] = size[known, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    root[known] = size[known, None] * rank.square_root(scaled)
     return root
 
 

@@ -37,20 +37,14 @@ def with_directions(problem: Linearised, columns: Array, covariance: Array, sigm
         return covariance
     deviation = np.sqrt(np.diag(covariance))
     deviation[deviation == 0.0] = 1.0
-    root = deviation[:, None] * _root(covariance / np.outer(deviation, deviation))
-    parts = by_pose(problem, columns @ root / sigma)
+    root = deviation[:, None] * rank.square_root(covariance / np.outer(deviation, deviation))
+    parts = _by_pose(problem, columns @ root / sigma)
     more = np.einsum("pik,ij,pjl->kl", parts, shape - np.eye(3), parts, optimize=True)
-    root = root @ _root(np.eye(len(root)) + more)
+    root = root @ rank.square_root(np.eye(len(root)) + more)
     return np.asarray(root @ root.T)
 
 
-def _root(matrix: Array) -> Array:
-    """Return F with F Fᵀ = `matrix`, positive semidefinite up to rounding."""
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def by_pose(problem: Linearised, values: Array) -> Array:
+def _by_pose(problem: Linearised, values: Array) -> Array:
     """Return rows of a linear problem by pose and coordinate of the position, (poses, 3, ...); zero if unmeasured."""
     pose, component = np.nonzero(problem.weights > 0)
     own = component < 3
@@ -63,7 +57,7 @@ def _residuals(problem: Linearised, columns: Array, inverse: Array) -> Array:
     """Return the residuals of complete positions, (positions, 3), m, divided by √(1 - leverage)."""
     leverage = np.minimum(np.sum((columns @ inverse) * columns, axis=1), LARGEST_LEVERAGE)
     whole = np.all(problem.weights[:, :3] > 0, axis=1)
-    return by_pose(problem, problem.residual / np.sqrt(1.0 - leverage))[whole]
+    return _by_pose(problem, problem.residual / np.sqrt(1.0 - leverage))[whole]
 
 
 def noise_shape(residuals: Array) -> Array:

@@ -187,8 +187,8 @@ class UndeclaredCovariance:
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.deviations.sizes, self.sinusoids.values(q)
         explained = self._explained(q, columns)
-        values, vectors = np.linalg.eigh((at @ at.T) * (there @ there.T) - explained.T @ explained)
-        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))), self._made_up(explained, fitted)
+        root = rank.square_root((at @ at.T) * (there @ there.T) - explained.T @ explained)
+        return root, self._made_up(explained, fitted)
 
     def _made_up(self, explained: Array, fitted: Linearised) -> Array:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.deviations.noise)

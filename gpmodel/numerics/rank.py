@@ -30,6 +30,12 @@ def remove(basis: Array, columns: Array) -> Array:
     return columns - basis @ (basis.T @ columns)
 
 
+def square_root(matrix: Array) -> Array:
+    """Return F with F Fᵀ = `matrix`, symmetric and positive semidefinite up to rounding errors."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def factored(gram: Array) -> tuple[Array, bool]:
     """Return the Cholesky factor of the normal matrix of unit columns, for scipy's cho_solve.
 

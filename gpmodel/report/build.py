@@ -44,7 +44,7 @@ class Ladder:
     named: effects requested by the user in addition to the standard model, not listed among the parameters.
     saved: the content of model.json; None if no file is written. shipped: index of the step whose model is saved.
     parts: one fit per fold of the step `shipped`, with the held-out poses of the fold; None for a single fit.
-    gross: numbers of the outliers of a fit to all poses, if `final` is no such fit.
+    gross: numbers of the outliers of a fit to all poses, if `final` is a fit to the rows `final_rows`.
     """
 
     poses: Poses
@@ -56,7 +56,7 @@ class Ladder:
     saved: SavedModel | None = None
     shipped: int = -1
     parts: tuple[HeldOutFit, ...] | None = None
-    gross: IntArray | None = None
+    gross: tuple[int, ...] = ()
 
     @property
     def of_final(self) -> Poses:
@@ -86,7 +86,7 @@ class Ladder:
     @property
     def outliers(self) -> IntArray:
         """Numbers of the outliers of the fit to all poses, or of the last fit to training poses."""
-        of_final = self.final.outliers if self.gross is None else self.gross
+        of_final = self.final.outliers if self.final_rows is None else np.array(self.gross, dtype=np.int64)
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
     @property

@@ -16,14 +16,14 @@ from gpmodel.model.error_model import Poses, prepare
 
 NOISES = {
     "camera above the arm": np.diag([1e-5, 1e-5, 9e-5]),
-    "camera beside the arm": np.diag([1e-5, 6e-5, 1e-5]),
+    "camera in front of the arm": np.diag([1e-5, 6e-5, 1e-5]),
     "oblique camera": np.array([[3e-5, 3e-5, 0.0], [3e-5, 3e-5, 0.0], [0.0, 0.0, 1e-5]]),
     "ruler along x alone": np.diag([5e-5, 0.0, 0.0]),
     "tracker": 3e-5 * np.eye(3),
 }
 """Factors F of the noise F z of a position, z standard normal, m."""
 CASES = [(arm, noise) for arm in ("ur5", "irb6400r", "gantry", "dh") for noise in NOISES]
-SHORT = ("irb6400r", "camera beside the arm"), ("gantry", "oblique camera"), ("ur5", "tracker")
+SHORT = ("irb6400r", "camera in front of the arm"), ("gantry", "oblique camera"), ("ur5", "tracker")
 
 
 def measured(arm: str, factor: Array, seed: int, count: int = 80) -> tuple[Truth, Poses]:
