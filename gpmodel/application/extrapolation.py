@@ -51,9 +51,9 @@ def rows_of_the_fit(saved: SavedModel, placement: Placement) -> Linearised | Non
         return None
     poses = prepare(saved.mechanism, with_model_labels(saved, saved.measured.dataset))
     here, every = (saved.model, poses, saved.theta, placement, saved.weights), np.ones(len(poses), dtype=bool)
-    first = linearise(*here, every)
+    first = linearise(*here, every, saved.noise_shape)
     use = without_outliers(first.observed, poses.dataset, every, saved.weights)
-    return first if use.all() else linearise(*here, use)
+    return first if use.all() else linearise(*here, use, saved.noise_shape)
 
 
 def in_order_of(wanted: Sequence[object], names: Sequence[object], columns: Array) -> Array:

@@ -28,7 +28,7 @@ from gpmodel.application.predict import coordinate_deviations, observed_by, poin
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.comparison import HeldOutFit
-from gpmodel.calibration.directions import LARGEST_LEVERAGE, noise_shape
+from gpmodel.calibration.directions import LARGEST_LEVERAGE, as_measured
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.undeclared import has_functions
@@ -95,7 +95,7 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
     except InputError:
         return None
     (inside, blur), (outside, around) = (leave_one_out(fit, problem, rows) for rows in (use, far))
-    root = np.asarray(np.linalg.cholesky(noise_shape(inside / np.sqrt(1.0 + blur)[:, None])), dtype=np.float64)
+    root = np.asarray(np.linalg.cholesky(np.eye(3) if fit.shape is None else fit.shape), dtype=np.float64)
     near, beyond = (errors @ np.asarray(np.linalg.inv(root).T, dtype=np.float64) for errors in (inside, outside))
     noise = with_far_ones(near, beyond, count, (blur, around))
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
@@ -130,7 +130,8 @@ def leave_one_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple
     known = shares.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
     fitted = np.isin(use, fit.outliers, invert=True)
     left = np.where(fitted, 1.0 - np.minimum(known, LARGEST_LEVERAGE), 1.0)
-    return np.where(there, problem.residual[own], np.nan) / left[:, None], known / left
+    rows = as_measured(problem, np.where(at, problem.residual[rows], 0.0))[use]
+    return np.where(there, rows, np.nan) / left[:, None], known / left
 
 
 def _over_worlds(columns: Array, covariance: Array, noise: Tails, root: Array, rng: np.random.Generator) -> ErrorBounds:
@@ -314,7 +315,8 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
     Further covariances add payload, row and other columns, one at a time."""
     effects = geometric_effects(fit.model.mechanism)
     read = problem.weights[:, :3] > 0
-    columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3][read]
+    columns = problem.weigh(effect_columns(effects, fit.model, poses, problem.observed))
+    columns = columns[np.nonzero(problem.weights > 0)[1] < 3]
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
     data = poses.dataset

@@ -126,6 +126,7 @@ class SavedModel:
     theta, stderr: values and standard errors of the effects in SI units, stderr NaN where not fitted. covariance:
     covariance of registration, tool and effects.
     weights: length, m, that counts as one unit of each kind of measurement.
+    noise_shape: covariance of the coordinates of a position that weighs them in the fit; None for equal weights.
     sigma: residual standard deviation of one component, m. freedom: degrees of
     freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
     input_units: units of the extra columns that the effects need.
@@ -149,6 +150,7 @@ class SavedModel:
     freedom: float = np.inf
     noise: float | None = None
     discrepancy: float = 0.0
+    noise_shape: Array | None = None
 
     @property
     def lever(self) -> float:
@@ -201,6 +203,7 @@ def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None)
         ranges={c: (float(poses.states[c].min()), float(poses.states[c].max())) for c in sorted(columns)},
         measured=Measured(dataset, np.zeros(0, dtype=np.int64) if heldout is None else heldout),
         freedom=fit.freedom,
+        noise_shape=fit.noise_shape,
     )
 
 
@@ -268,6 +271,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "tool": dict(saved.placement.tool),
         "anchors_m": dict(saved.placement.anchors),
         "weights_m": dict(saved.weights),
+        "noise_shape": saved.noise_shape,
         "sigma_m": saved.sigma,
         "noise_m": saved.noise,
         "discrepancy_m": saved.discrepancy,
@@ -366,6 +370,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         freedom=np.inf if part.freedom is None else part.freedom,
         noise=part.noise_m,
         discrepancy=part.discrepancy_m,
+        noise_shape=None if part.noise_shape is None else np.array(part.noise_shape),
     )
 
 

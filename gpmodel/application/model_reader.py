@@ -165,6 +165,8 @@ class ModelPart(msgspec.Struct, frozen=True):
     noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
     weights_m: length, m, that counts as one unit of each kind of measurement. lever_m: length, m, that counts as one
     radian of orientation, in files without `weights_m`.
+    noise_shape: covariance of the coordinates of a position relative to their mean variance, with which the fit weighs
+    them; null for equal weights.
     others, over_causes: effects that are alternative explanations of a finding, and the second moment of all unknowns
     over these alternatives; empty without alternatives.
     """
@@ -190,6 +192,7 @@ class ModelPart(msgspec.Struct, frozen=True):
     others: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
     weights_m: Annotated[dict[Label, Weight], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
     lever_m: Deviation | None = None
+    noise_shape: tuple[Point, Point, Point] | None = None
     over_causes: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=2 * MOST_EFFECTS)] = ()
 
     def __post_init__(self) -> None:
@@ -209,6 +212,9 @@ class ModelPart(msgspec.Struct, frozen=True):
         if [len(row) for row in self.over_causes] != [*range(1, every + 1)]:
             raise ValueError(f"expected {every} rows, one an unknown, up to the diagonal - at `$.over_causes`")
         _check_covariance(self.over_causes)
+        shape = np.array(self.noise_shape or np.eye(3))
+        if np.any(shape != shape.T) or np.linalg.eigvalsh(shape)[0] <= 0.0:
+            raise ValueError("expected a symmetric matrix of positive variances - at `$.noise_shape`")
         for name, rows in self.tool.items():
             for value in np.array(rows)[:3, 3]:
                 if abs(value) > LARGEST["length"]:

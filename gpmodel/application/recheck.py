@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from gpmodel.application.extrapolation import extrapolated, rows_of_the_fit
 from gpmodel.application.kinematics import REACHED, matched_with_readings, tips, with_model_labels
@@ -24,7 +23,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.directions import equalising, noise_of, noise_root
+from gpmodel.calibration.directions import shape_of
 from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
@@ -54,21 +53,23 @@ class Session:
 
     use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
     tool: True if the tool point of every tool is fitted again.
-    shape: covariance Ω of the coordinates of a position relative to the noise σ², by the residuals of the fit.
+    noise_shape: covariance of the coordinates of a position relative to the noise σ²; None for equal noise.
     """
 
     saved: SavedModel
     poses: Poses
     use: Mask
     fitted: Placement
-    shape: Array
+    noise_shape: Array | None
     tool: bool = False
 
     @property
     def problem(self) -> Linearised:
         """Linearised measurements of the later poses in registration, tool and all effects, without outliers."""
         saved = self.saved
-        return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.weights, self.use)
+        return linearise(
+            saved.model, self.poses, saved.theta, saved.placement, saved.weights, self.use, self.noise_shape
+        )
 
     @property
     def observed(self) -> Observed:
@@ -117,13 +118,13 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
     ]
 
 
-def _noise_shape(saved: SavedModel, dataset: Dataset) -> Array:
-    """Return the covariance Ω of a position's coordinates relative to the noise σ², by the residuals of the fit; the
-    unit matrix if the model has no measurements, or a later table `dataset` begins with another kind of measurement."""
+def _noise_shape(saved: SavedModel, dataset: Dataset) -> Array | None:
+    """Return the covariance of a position's coordinates relative to the noise σ², by which the model was fitted or else
+    by its residuals; None if the noise is equal, or a later table `dataset` has another kind of measurement."""
     fit = rows_of_the_fit(saved, saved.placement)
-    if fit is None or fit.observed.kinds[0].name != observations(dataset)[0].name:
-        return np.eye(3)
-    return noise_of(fit)
+    if saved.noise_shape is not None or fit is None or fit.observed.kinds[0].name != observations(dataset)[0].name:
+        return saved.noise_shape
+    return shape_of(fit)
 
 
 def settled(saved: SavedModel, dataset: Dataset, whole: SavedModel | None = None) -> Session:
@@ -209,23 +210,6 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class EqualRows:
-    """Rows of a later session with equal noise, one per pose and component: repeats of a pose are averaged."""
-
-    blocks: Whitening
-    equalising: sparse.csr_matrix | None
-
-    def means(self, values: Array) -> Array:
-        """Return values of the rows of the linear problem at rows of equal noise."""
-        return self.blocks.means(values if self.equalising is None else self.equalising @ values)
-
-    @cached_property
-    def first(self) -> IntArray:
-        """Number of the first row of the linear problem in every block of repeats."""
-        return np.unique(self.blocks.block, return_index=True)[1]
-
-
-@dataclass(frozen=True)
 class Recheck:
     """Whitened residuals of a later session.
 
@@ -237,7 +221,7 @@ class Recheck:
 
     session: Session
     problem: Linearised
-    blocks: EqualRows
+    blocks: Whitening
     spread: Spread
     z: Array
     basis: Array
@@ -290,11 +274,12 @@ class Recheck:
         left = rank.remove(placed, self.blocks.means(self.problem.residual))
         own = rank.remove(placed, self.spread.u) * self.spread.s
         turns, component = self._turns, self._component
+        of_row = self.problem.pose_of_row[self.blocks.first]
         for code in np.unique(self.pose):
             rows = np.flatnonzero(self.pose == code)
             inside = np.eye(len(rows)) - placed[rows] @ placed[rows].T + own[rows] @ own[rows].T
             covariance = self.spread.sigma**2 * inside
-            root = noise_root(self.session.shape, component[rows])
+            root = self.problem.coordinates(of_row[rows[0]], component[rows])
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.pose_id == code) & self.session.use
             promised[here] = np.sqrt(np.sum(np.diag(root @ covariance @ root.T)[~turns[rows]]))
@@ -337,7 +322,7 @@ def recheck(session: Session) -> Recheck:
     """Compute the whitened residuals of a later session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     pose_id = sharing(session.poses.dataset)
-    blocks = EqualRows(blocks_of(problem, pose_id), equalising(problem, session.shape))
+    blocks = blocks_of(problem, pose_id)
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     sigma = max(saved.spread, REACHED)

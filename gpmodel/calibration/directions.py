@@ -1,7 +1,8 @@
 """Noise of positions whose standard deviation depends on the direction, as of stereo cameras along the optical axis.
 
-The fit weighs the three coordinates of a position equally, and its noise σ² is their mean variance. With the covariance
-σ² Ω of a position, trace Ω = 3, the estimates have the covariance
+A position has the covariance σ² Ω, trace Ω = 3, with σ² the mean variance of the coordinates. The fit weighs positions
+by Ω⁻¹ if the errors of poses left out are then smaller, and equally if not, as with large undeclared effects. The
+estimates of equal weights have the covariance
 
     σ² B (Σ C_iᵀ Ω C_i + PᵀP) B,   B = (Σ C_iᵀ C_i + PᵀP)⁻¹
 
@@ -10,10 +11,13 @@ covariance is F (I + Σ Q_iᵀ (Ω - I) Q_i) Fᵀ. Source: White (1980), A
 heteroskedasticity-consistent covariance matrix estimator.
 """
 
-import numpy as np
-from scipy import sparse, special
+from dataclasses import dataclass
+from functools import cached_property
 
-from gpmodel.arrays import Array, IntArray
+import numpy as np
+from scipy import special
+
+from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.numerics import rank
 from gpmodel.numerics.interval import SIGNIFICANCE
@@ -24,16 +28,15 @@ LEAST_VARIANCE = 1e-6
 """Least variance of a direction relative to the mean: noise a thousandth as large changes no stated digit."""
 
 
-def with_directions(problem: Linearised, columns: Array, covariance: Array, sigma: float) -> Array:
+def with_directions(problem: Linearised, columns: Array, covariance: Array, sigma: float, left: Array) -> Array:
     """Return the covariance of least-squares estimates with the noise of each direction.
 
     columns: derivatives of the rows of `problem` with respect to the estimates. covariance: of the estimates, with
-    equal noise `sigma`, m, in all directions. If the noise does not differ significantly, `covariance` is returned.
+    equal noise `sigma`, m, of all rows. left: residuals of the fit over √(1 - leverage), (positions, 3). If their noise
+    does not depend significantly on the direction, `covariance` is returned.
     """
-    if problem.reduced is not None:
-        return covariance
-    shape = noise_shape(_residuals(problem, columns, covariance / sigma**2))
-    if np.array_equal(shape, np.eye(3)):
+    shape = estimated_shape(left)
+    if shape is None:
         return covariance
     deviation = np.sqrt(np.diag(covariance))
     deviation[deviation == 0.0] = 1.0
@@ -53,54 +56,78 @@ def _by_pose(problem: Linearised, values: Array) -> Array:
     return out
 
 
-def _residuals(problem: Linearised, columns: Array, inverse: Array) -> Array:
-    """Return the residuals of complete positions, (positions, 3), m, divided by √(1 - leverage)."""
-    leverage = np.minimum(np.sum((columns @ inverse) * columns, axis=1), LARGEST_LEVERAGE)
-    whole = np.all(problem.weights[:, :3] > 0, axis=1)
-    return _by_pose(problem, problem.residual / np.sqrt(1.0 - leverage))[whole]
+@dataclass(frozen=True)
+class PositionResiduals:
+    """Residuals of complete positions over √(1 - leverage), (positions, 3), m.
+
+    rows: in coordinates of equal noise, as in the linear problem. measured: in the axes of the measurement.
+    left_out: measured minus predicted positions, (positions, 3), m, each coordinate predicted without its own value.
+    """
+
+    rows: Array
+    measured: Array
+    left_out: Array
+
+    @classmethod
+    def of(cls, problem: Linearised, columns: Array, inverse: Array) -> "PositionResiduals":
+        """Return the residuals of a fit; none if joint values are unmeasured, because elimination mixes the rows.
+
+        columns, inverse: fitted columns C, and (CᵀC + PᵀP)⁻¹ with the prior rows P.
+        """
+        if problem.reduced is not None:
+            return cls(*3 * [np.zeros((0, 3))])
+        whole = np.all(problem.weights[:, :3] > 0, axis=1)
+        left = 1.0 - np.minimum(np.sum((columns @ inverse) * columns, axis=1), LARGEST_LEVERAGE)
+        rows, off = (_by_pose(problem, problem.residual / share) for share in (np.sqrt(left), left))
+        return cls(rows[whole], *(as_measured(problem, values)[whole] for values in (rows, off)))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a coordinate, m."""
+        return float(np.sqrt(np.mean(self.measured**2)))
+
+    @cached_property
+    def shape(self) -> Array | None:
+        """Covariance of the coordinates relative to their mean variance, (3, 3); None for equal noise."""
+        return estimated_shape(self.measured)
 
 
-def noise_shape(residuals: Array) -> Array:
+def as_measured(problem: Linearised, rows: Array) -> Array:
+    """Return coordinates of equal noise, (poses, 3), as coordinates in the axes of the measurement."""
+    if problem.equal is None:
+        return rows
+    return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(problem.equal), rows))
+
+
+def estimated_shape(residuals: Array) -> Array | None:
     """Estimate the covariance Ω of a position's coordinates relative to their mean variance, (3, 3), trace 3.
 
-    residuals: (positions, 3). The sign test of sphericity decides whether the noise depends on the direction; if not, Ω
-    is the unit matrix. With the mean S of u uᵀ over the unit vectors u = r / |r| of n residuals, n · 15/2 ·
+    residuals: (positions, 3). The sign test of sphericity decides whether the noise depends on the direction; if not,
+    None is returned. With the mean S of u uᵀ over the unit vectors u = r / |r| of n residuals, n · 15/2 ·
     (trace S² - 1/3) is χ² distributed with 5 degrees of freedom, whatever the distribution of |r|.
     Source: Hallin and Paindaveine (2006), Semiparametrically efficient rank-based inference for shape.
     """
     length = np.linalg.norm(residuals, axis=1)
     unit = residuals[length > 0] / length[length > 0, None]
     if len(unit) <= 3:
-        return np.eye(3)
+        return None
     signs = unit.T @ unit / len(unit)
     if special.chdtrc(5.0, len(unit) * 7.5 * (np.sum(signs**2) - 1.0 / 3.0)) >= SIGNIFICANCE:
-        return np.eye(3)
+        return None
     moments = residuals.T @ residuals
     shape = 3.0 * moments / np.trace(moments) + LEAST_VARIANCE * np.eye(3)
     return np.asarray(shape / (1.0 + LEAST_VARIANCE))
 
 
-def noise_of(fitted: Linearised) -> Array:
-    """Return the covariance Ω of `noise_shape` from the residuals of a fit of all columns; the unit matrix if joint
-    values are unmeasured."""
-    if fitted.reduced is not None:
-        return np.eye(3)
+def shape_of(fitted: Linearised) -> Array | None:
+    """Return the covariance of `PositionResiduals.shape` from a fit of all columns."""
     basis = rank.orthonormal(fitted.columns)
-    return noise_shape(_residuals(fitted, basis, np.eye(basis.shape[1])))
+    return PositionResiduals.of(fitted, basis, np.eye(basis.shape[1])).shape
 
 
-def noise_root(shape: Array, components: IntArray) -> Array:
-    """Return F with F Fᵀ the covariance of the components of one pose: Ω = `shape` of its coordinates (0, 1, 2), and
-    the unit matrix of the others. components: in ascending order."""
-    out, count = np.eye(len(components)), int(np.count_nonzero(components < 3))
-    out[:count, :count] = np.linalg.cholesky(shape[np.ix_(components[:count], components[:count])])
-    return out
+def independent_share(shape: Array | None) -> float:
+    """Return the degrees of freedom of the mean variance of three coordinates over those with equal noise.
 
-
-def equalising(problem: Linearised, shape: Array) -> sparse.csr_matrix | None:
-    """Return the matrix that combines the rows of each pose so that their noise is equal; None for equal noise."""
-    if problem.reduced is not None or np.array_equal(shape, np.eye(3)):
-        return None
-    pose, component = np.nonzero(problem.weights > 0)
-    parts = np.split(component, np.flatnonzero(np.diff(pose)) + 1)
-    return sparse.block_diag([np.linalg.inv(noise_root(shape, part)) for part in parts], format="csr")
+    The share is (tr Ω)² / (3 tr Ω²), one third if the noise has one direction alone. Source: Satterthwaite (1946).
+    """
+    return 1.0 if shape is None else float(np.trace(shape) ** 2 / (3.0 * np.sum(shape**2)))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray, Mask
@@ -198,7 +199,27 @@ def _calibrate(
     for lower in sorted(limits if condition_limit is None else (), reverse=True):
         if lower < tried[-1].condition_limit and tried[-1].status != "converged":
             tried.append(replace(_fit(fitting, theta, placement, lower, manner), rank_curve=tried[0].rank_curve))
-    return min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
+    best = min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
+    return _by_direction(best, poses, replace(manner, robust=False))
+
+
+def _by_direction(fit: Calibration, poses: Poses, manner: "_Manner") -> Calibration:
+    """Weigh the coordinates of positions by their noise, unless the errors of values left out are then larger.
+
+    The noise of each direction is that of the residuals, which depend on the weights; both are iterated. With equal
+    weights undeclared effects along one direction cause smaller errors than with weights. Errors are larger if their
+    mean square over the positions grows by more than a standard error. Source: Breiman et al. (1984), 3.4.3.
+    """
+    weighed = fit
+    for _ in range(ATTEMPTS):
+        shape, used = weighed.shape, weighed.noise_shape
+        if shape is None or (used is not None and np.abs(np.log(linalg.eigvalsh(shape, used))).max() < RATIO_SETTLED):
+            break
+        fitting = replace(fitting_of(weighed, poses), ratio=weighed.pose_ratio, noise_shape=shape)
+        weighed = _fit(fitting, weighed.theta, weighed.placement, fit.condition_limit, manner)
+    less = np.sum(fit.left_out**2 - weighed.left_out**2, axis=1)
+    worse = weighed is not fit and np.mean(less) < -np.std(less) / np.sqrt(len(less))
+    return fit if worse else replace(weighed, rank_curve=fit.rank_curve)
 
 
 def _placed(bare: Fitting) -> Placement:
@@ -256,7 +277,7 @@ def _fit(
         error=pose_error(fitted.problem.observed, fitting.poses.dataset, fitting.weights),
         outliers=np.flatnonzero(~fitting.use),
         condition_limit=choices.limit, rank_curve=choices.curve, weights=fitting.weights,
-        pose_ratio=fitting.ratio, status=fitted.status, reason=better or reason,
+        pose_ratio=fitting.ratio, noise_shape=fitting.noise_shape, status=fitted.status, reason=better or reason,
     )  # fmt: skip
 
 
@@ -303,4 +324,4 @@ def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
     independent measurements."""
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
-    return Fitting(fit.model, poses, use, fit.weights, sharing(poses.dataset))
+    return Fitting(fit.model, poses, use, fit.weights, sharing(poses.dataset), noise_shape=fit.noise_shape)

@@ -120,6 +120,7 @@ class Fitting:
 
     block: index of the pose of every row, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
+    noise_shape: covariance (3, 3) of the coordinates of a position relative to their mean variance; None: equal noise.
     """
 
     model: ErrorModel
@@ -128,10 +129,11 @@ class Fitting:
     weights: Weights
     block: IntArray
     ratio: float = 0.0
+    noise_shape: Array | None = None
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the weighted measurements at given parameter values, repeats taken as independent."""
-        return linearise(self.model, self.poses, theta, placement, self.weights, self.use)
+        return linearise(self.model, self.poses, theta, placement, self.weights, self.use, self.noise_shape)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the measurements at given parameter values, with decorrelated repeats of a pose."""
@@ -139,8 +141,8 @@ class Fitting:
 
     def linearised_about(self, observed: Observed, placement: Placement) -> Linearised:
         """Linearise about given predictions, with decorrelated repeats; all joints must be measured."""
-        weight, use = self.weights, self.use
-        return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
+        weight, use, shape = self.weights, self.use, self.noise_shape
+        return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use, shape))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
         """Return the linear problem with old derivatives, and the residual at the parameter values `theta` and

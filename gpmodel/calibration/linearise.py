@@ -105,6 +105,8 @@ class Linearised:
     poses: table of the poses, with solved values of unmeasured joints.
     sizes: norms of the weighted columns before elimination of unmeasured joints.
     weights: weight by pose and component, positive if measured; m per unit.
+    equal: matrices (poses, 3, 3) that combine the coordinates of each position so that their noise is equal; None if
+    the noise does not depend on the direction.
     reduced: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
@@ -118,12 +120,24 @@ class Linearised:
     poses: Poses
     sizes: Array
     weights: Array
+    equal: Array | None = None
     reduced: "Reduction | None" = None
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
         """Return a mask of the columns of registration and tool, and of the fitted effects `kept`."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
+
+    def coordinates(self, pose: int, components: IntArray) -> Array:
+        """Return the matrix that turns the rows of one pose, of the given components, into measured components.
+
+        The matrix is L for coordinates whose rows are multiplied by L⁻¹, and the unit matrix for other components.
+        """
+        out, own = np.eye(len(components)), components < 3
+        if self.equal is not None:
+            at = components[own]
+            out[np.ix_(own, own)] = np.linalg.inv(self.equal[pose][np.ix_(at, at)])
+        return out
 
     @property
     def rigid(self) -> Mask:
@@ -135,7 +149,21 @@ class Linearised:
         if self.reduced is not None:
             return self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
         out = np.zeros((len(effects), len(self.residual)))
-        return add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+        return self.add_effects(out, effects, model).T
+
+    def add_effects(self, out: Array, effects: Sequence[Effect], model: ErrorModel) -> Array:
+        """Add the weighted derivatives of the measured rows with respect to each effect to `out`, one line per effect;
+        return `out`.
+
+        The derivatives equal those of `effect_columns`; memory is used for one effect at a time.
+        """
+        pose = np.nonzero(self.weights > 0)[0]
+        reach: dict[int, Array] = {}
+        for k, slot, axis, shape in _shaped(effects, model, self.poses, self.observed):
+            if slot not in reach:
+                reach[slot] = np.ascontiguousarray(self.weigh(self.observed.sensitivity(slot)).T)
+            out[k] += reach[slot][axis] * shape[pose]
+        return out
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
         """Return `derivatives`. For errors of the instrument, the part that registrations and tools absorb is projected
@@ -156,7 +184,12 @@ class Linearised:
         if self.reduced is not None:
             weighted = values * self.reduced.weights.reshape(shape)
             return without_eliminated(self.reduced.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
-        return (values * self.weights.reshape(shape))[self.weights > 0]
+        rows = self.weights > 0
+        if self.equal is None:
+            return np.asarray(values[rows] * self.weights[rows].reshape(-1, *shape[2:]))
+        weighted = np.where(rows.reshape(shape), values, 0.0) * self.weights.reshape(shape)
+        weighted[:, :3] = np.einsum("nij,nj...->ni...", self.equal, weighted[:, :3])
+        return np.asarray(weighted[rows])
 
 
 @dataclass(frozen=True)
@@ -182,25 +215,6 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
     return np.moveaxis(out, 0, 2)
 
 
-def add_effect_rows(
-    out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
-) -> Array:
-    """Add the weighted derivatives of the measurements with respect to each effect to `out`, one line per effect;
-    return `out`.
-
-    weights: weights by pose and component; only components with a positive weight are rows. The derivatives equal those
-    of `effect_columns`; memory is used for one effect at a time.
-    """
-    rows = weights > 0
-    pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
-    reach: dict[int, Array] = {}
-    for k, slot, axis, shape in _shaped(effects, model, poses, observed):
-        if slot not in reach:
-            reach[slot] = np.ascontiguousarray((observed.sensitivity(slot)[rows] * weight).T)
-        out[k] += reach[slot][axis] * shape[pose]
-    return out
-
-
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
@@ -224,14 +238,23 @@ def _shaped(
 
 
 def linearise(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, kind_weights: Weights, use: Mask
+    model: ErrorModel,
+    poses: Poses,
+    theta: Array,
+    placement: Placement,
+    kind_weights: Weights,
+    use: Mask,
+    noise_shape: Array | None = None,
 ) -> Linearised:
-    """Linearise the weighted measurements of poses `use` at given parameter values, unmeasured joints eliminated."""
+    """Linearise the weighted measurements of poses `use` at given parameter values, unmeasured joints eliminated.
+
+    noise_shape: covariance (3, 3) of the coordinates of a position relative to their mean variance; None: equal noise.
+    """
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement, kind_weights)
     observed = observe(model, poses, theta, placement)
     if not free_joints(model.mechanism):
-        return linearise_about(observed, model, poses, placement, kind_weights, use)
+        return linearise_about(observed, model, poses, placement, kind_weights, use, noise_shape)
     residual, weights = _weighted(observed, poses, kind_weights, use)
     blocks, names = placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
@@ -241,28 +264,54 @@ def linearise(
 
 
 def linearise_about(
-    observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, kind_weights: Weights, use: Mask
+    observed: Observed,
+    model: ErrorModel,
+    poses: Poses,
+    placement: Placement,
+    kind_weights: Weights,
+    use: Mask,
+    noise_shape: Array | None = None,
 ) -> Linearised:
-    """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured."""
+    """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured.
+
+    noise_shape: covariance (3, 3) of the coordinates of a position relative to their mean variance; None: equal noise.
+    """
     residual, weights = _weighted(observed, poses, kind_weights, use)
     blocks, names = placement_columns(poses, observed, placement)
-    rows = weights > 0
-    weight = weights[rows]
-    # one effect at a time, so that the columns of thousands of poses and hundreds of effects are stored once
-    weighted = np.zeros((len(names) + len(model.effects), len(weight))).T
-    weighted[:, : len(names)] = np.concatenate(blocks, axis=2)[rows] * weight[:, None]
-    add_effect_rows(weighted.T[len(names) :], model.effects, model, poses, observed, weights)
-    return Linearised(
-        columns=weighted,
-        residual=residual[rows] * weight,
+    rows, count = weights > 0, len(names)
+    columns = np.zeros((count + len(model.effects), int(rows.sum()))).T
+    problem = Linearised(
+        columns=columns,
+        residual=columns[:, 0],
         pose_of_row=np.nonzero(rows)[0],
-        placement=len(names),
+        placement=count,
         placement_names=tuple(names),
         observed=observed,
         poses=poses,
-        sizes=np.sqrt(np.einsum("km,km->k", weighted.T, weighted.T)),
+        sizes=np.zeros(len(columns.T)),
         weights=weights,
+        equal=equal_noise(noise_shape, weights),
     )
+    columns[:, :count] = problem.weigh(np.concatenate(blocks, axis=2))
+    problem.add_effects(columns.T[count:], model.effects, model)
+    sizes = np.sqrt(np.einsum("km,km->k", columns.T, columns.T))
+    return replace(problem, residual=problem.weigh(residual), sizes=sizes)
+
+
+def equal_noise(noise_shape: Array | None, weights: Array) -> Array | None:
+    """Return matrices L⁻¹ (poses, 3, 3), L Lᵀ the covariance of the measured coordinates of each position; None for
+    equal noise.
+
+    noise_shape: covariance of all three coordinates. weights: weights by pose and component, zero if unmeasured.
+    """
+    if noise_shape is None:
+        return None
+    out = np.zeros((len(weights), 3, 3))
+    patterns, of = np.unique(weights[:, :3] > 0, axis=0, return_inverse=True)
+    for k, pattern in enumerate(patterns):
+        at = np.flatnonzero(pattern)
+        out[np.ix_(of.reshape(-1) == k, at, at)] = np.linalg.inv(np.linalg.cholesky(noise_shape[np.ix_(at, at)]))
+    return out
 
 
 def _weighted(observed: Observed, poses: Poses, kind_weights: Weights, use: Mask) -> tuple[Array, Array]:
@@ -274,8 +323,7 @@ def _weighted(observed: Observed, poses: Poses, kind_weights: Weights, use: Mask
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
     """Return the linear problem with the residual at the values `theta`, `placement`; all joints must be measured."""
     observed = observe(model, problem.poses, theta, placement)
-    rows = problem.weights > 0
-    residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
+    residual = problem.weigh(measured_minus(observed, problem.poses.dataset))
     return replace(problem, residual=residual, observed=observed)
 
 

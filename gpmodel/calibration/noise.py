@@ -58,6 +58,11 @@ class Whitening:
         """Number of rows of each block of repeats."""
         return np.bincount(self.block)
 
+    @cached_property
+    def first(self) -> IntArray:
+        """Number of the first row of each block of repeats."""
+        return np.unique(self.block, return_index=True)[1]
+
     def means(self, values: Array) -> Array:
         """Return the mean of values over the rows of each block of repeats."""
         sizes = self.sizes

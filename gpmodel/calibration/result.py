@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.directions import with_directions
+from gpmodel.calibration.directions import PositionResiduals, independent_share, with_directions
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import freedom
@@ -89,6 +89,9 @@ class Uncertainty:
     sigma: standard deviation of one component of the reference kind of measurement about the model, m.
     freedom: degrees of freedom of sigma, and of Student's t of the estimates.
     rank: number of unknown parameters that the measurements determine.
+    shape: covariance of the coordinates of a position relative to their mean variance, (3, 3), by the residuals; None
+    for equal noise.
+    left_out: measured minus predicted complete positions, (positions, 3), m, each predicted without its own value.
     """
 
     stderr: Array
@@ -99,6 +102,8 @@ class Uncertainty:
     sigma: float
     freedom: float
     rank: int
+    shape: Array | None
+    left_out: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +117,7 @@ class Calibration(Uncertainty):
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     weights: length, m, that counts as one unit of each kind of measurement.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
+    noise_shape: covariance of the coordinates of a position that weighs them in the fit; None for equal weights.
     status: converged, stalled, diverged or kept previous, explained by `reason`.
     """
 
@@ -125,6 +131,7 @@ class Calibration(Uncertainty):
     rank_curve: tuple[RankChoice, ...]
     weights: Weights
     pose_ratio: float
+    noise_shape: Array | None
     status: str
     reason: str
 
@@ -182,7 +189,7 @@ def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
     """Linearise a fitted model at any poses with known registrations and tools."""
     use = np.ones(len(poses), dtype=bool)
     model, theta, placement = calibration.model, calibration.theta, calibration.placement
-    return linearise(model, poses, theta, placement, calibration.weights, use)
+    return linearise(model, poses, theta, placement, calibration.weights, use, calibration.noise_shape)
 
 
 def errors_on(calibration: Calibration, poses: Poses, weights: Weights | None = None) -> Array:
@@ -233,7 +240,11 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
         inverse = inverse_gram(columns / scale)
         fixed = ident.orthonormal(columns[:count, : problem.placement])
         shares = ident.unique_shares(np.hstack([fixed, columns[:count, problem.placement :]]))
-    covariance = with_directions(problem, problem.columns[:, free], sigma**2 * inverse / np.outer(scale, scale), sigma)
+    own, inverse = problem.columns[:, free], inverse / np.outer(scale, scale)
+    residuals = PositionResiduals.of(problem, own, inverse)
+    if fitting.noise_shape is not None and fitting.model.noise is None:
+        sigma = residuals.sigma
+    covariance = with_directions(problem, own, sigma**2 * inverse, sigma, residuals.rows)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)
@@ -250,7 +261,10 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = placement_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
     known = freedom(problem, fitting.block, fitting.ratio, rank - fixed_by_priors(fitting.model, stderr))
-    return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
+    known *= independent_share(residuals.shape)
+    return Uncertainty(
+        stderr, correlation, everything, share, placed, sigma, known, rank, residuals.shape, residuals.left_out
+    )
 
 
 def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigma: float) -> None:

@@ -1,6 +1,7 @@
 """Records of a fitted calibration: steps, parameters, registration and tool, errors pose by pose."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def unabsorbed_rms(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Eff
     The RMS is over the displacement minus its projection on the columns of all other unknowns, with registration and
     tool. The RMS is None with unmeasured joints, which absorb a part at every pose, and without measured points.
     """
-    problem = problem_at(fit, poses)
+    problem = problem_at(replace(fit, noise_shape=None), poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
     if problem.reduced is not None or not point.any():
         return [None] * len(groups)
