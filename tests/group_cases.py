@@ -9,7 +9,7 @@ from effect_cases import NOISE, Truth, bare, measure
 
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.targets import readable_inputs
@@ -47,7 +47,8 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     truth = measure(ARM, (), (), 1, dataset=data)
     arm, poses = truth.model.mechanism, truth.poses
     model = ErrorModel(arm, geometric_effects(arm))
-    linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, {}, np.ones(len(poses), bool))
+    weighting = Weighting({}, np.ones(len(poses), bool))
+    linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, weighting)
     noise = blocks_of(linear, replicates(poses.dataset), 0.7)
     shapes = Shapes(poses.states)
     groups = [*geometry_groups(model.effects), *offered(Offering(STANDING), arm, shapes)[::40]]
@@ -62,7 +63,7 @@ def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, in
     """A robot's geometry in the model and groups beside it, by name."""
     arm, shapes = truth.model.mechanism, Shapes(truth.poses.states)
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
-    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, {}, np.ones(len(truth.poses), bool))
+    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, Weighting({}, np.ones(len(truth.poses), bool)))
     noise = blocks_of(linear, replicates(truth.poses.dataset))
     geometry = geometry_groups(fit.model.effects)
     rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
@@ -78,6 +79,6 @@ def bars() -> tuple[Active, Poses, Calibration]:
     made = gp.simulate(ARM, poses=120, instrument="bar", geometry_sigma="0.3 mm", seed=1)
     arm, poses = made.truth.mechanism, prepare(made.truth.mechanism, made.table)
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
-    linear = linearise(fit.model, poses, fit.theta, fit.placement, {}, np.ones(len(poses), bool))
+    linear = linearise(fit.model, poses, fit.theta, fit.placement, Weighting({}, np.ones(len(poses), bool)))
     rows = Rows(arm, linear, linear.residual, blocks_of(linear, np.arange(len(poses)), 0.0), Shapes(poses.states))
     return Active(GroupPool(rows, list(geometry_groups(fit.model.effects)), Price()), {}, {}, 9e-10), poses, fit

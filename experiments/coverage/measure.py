@@ -25,7 +25,7 @@ from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
@@ -169,7 +169,7 @@ def robust_stderr(fit: Calibration, poses: Poses) -> np.ndarray:
     """
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
-    problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.weights, use)
+    problem = linearise(fit.model, poses, fit.theta, fit.placement, Weighting(fit.weights, use))
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     scale = np.linalg.norm(problem.columns[:, free], axis=0)
     columns = problem.columns[:, free] / scale

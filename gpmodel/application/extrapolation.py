@@ -8,7 +8,7 @@ from gpmodel.application.kinematics import with_model_labels
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised, Weighting, linearise
 from gpmodel.calibration.unmeasured_joints import without_eliminated
 from gpmodel.families.catalogue import candidates
 from gpmodel.families.load import moments_at_tool
@@ -50,10 +50,10 @@ def rows_of_the_fit(saved: SavedModel, placement: Placement) -> Linearised | Non
     if saved.measured is None:
         return None
     poses = prepare(saved.mechanism, with_model_labels(saved, saved.measured.dataset))
-    here, every = (saved.model, poses, saved.theta, placement, saved.weights), np.ones(len(poses), dtype=bool)
-    first = linearise(*here, every, saved.noise_shape)
+    here, every = (saved.model, poses, saved.theta, placement), np.ones(len(poses), dtype=bool)
+    first = linearise(*here, Weighting(saved.weights, every, saved.noise_shape))
     use = without_outliers(first.observed, poses.dataset, every, saved.weights)
-    return first if use.all() else linearise(*here, use, saved.noise_shape)
+    return first if use.all() else linearise(*here, Weighting(saved.weights, use, saved.noise_shape))
 
 
 def in_order_of(wanted: Sequence[object], names: Sequence[object], columns: Array) -> Array:

@@ -42,8 +42,7 @@ class Measured:
 
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
-    """Return the measured table as JSON, SI; None without a table, or with a kind of measurement that a file cannot
-    hold."""
+    """Return the measured table as JSON, SI; None without a table, or with measurements that a file cannot hold."""
     if measured is None or not all(
         isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
     ):
@@ -350,11 +349,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         theta=np.array([e.value for e in part.effects]),
         stderr=np.array([np.nan if e.stderr is None else e.stderr for e in part.effects]),
         covariance=Covariance(
-            _symmetric(part.covariance),
-            part.unknowns,
-            np.array(part.centre_m),
-            others,
-            _symmetric(part.over_causes),
+            _symmetric(part.covariance), part.unknowns, np.array(part.centre_m), others, _symmetric(part.over_causes)
         ),
         placement=Placement(
             {k: np.array(v) for k, v in part.registration.items()},

@@ -25,7 +25,7 @@ from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.directions import shape_of
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised, Weighting, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import has_functions, uncertain_functions
@@ -66,10 +66,8 @@ class Session:
     @property
     def problem(self) -> Linearised:
         """Linearised measurements of the later poses in registration, tool and all effects, without outliers."""
-        saved = self.saved
-        return linearise(
-            saved.model, self.poses, saved.theta, saved.placement, saved.weights, self.use, self.noise_shape
-        )
+        saved, weighting = self.saved, Weighting(self.saved.weights, self.use, self.noise_shape)
+        return linearise(saved.model, self.poses, saved.theta, saved.placement, weighting)
 
     @property
     def observed(self) -> Observed:

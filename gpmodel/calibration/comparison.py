@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised, Weighting, linearise
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.unmeasured_joints import STARTING_WEIGHTS
@@ -30,8 +30,8 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
-    use = np.ones(len(data), dtype=bool)
-    return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, STARTING_WEIGHTS, use)
+    weighting = Weighting(STARTING_WEIGHTS, np.ones(len(data), dtype=bool))
+    return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, weighting)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.linearise import Linearised, linearise, linearise_about, residual_at
+from gpmodel.calibration.linearise import Linearised, Weighting, linearise, linearise_about, residual_at
 from gpmodel.calibration.noise import decorrelate
 from gpmodel.calibration.priors import TOOL_REACH, JointPriors, fit_priors, noise_sigma, off_mean
 from gpmodel.calibration.start import placement_after
@@ -131,9 +131,14 @@ class Fitting:
     ratio: float = 0.0
     noise_shape: Array | None = None
 
+    @property
+    def weighting(self) -> Weighting:
+        """Weights of the measurements."""
+        return Weighting(self.weights, self.use, self.noise_shape)
+
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the weighted measurements at given parameter values, repeats taken as independent."""
-        return linearise(self.model, self.poses, theta, placement, self.weights, self.use, self.noise_shape)
+        return linearise(self.model, self.poses, theta, placement, self.weighting)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
         """Linearise the measurements at given parameter values, with decorrelated repeats of a pose."""
@@ -141,8 +146,7 @@ class Fitting:
 
     def linearised_about(self, observed: Observed, placement: Placement) -> Linearised:
         """Linearise about given predictions, with decorrelated repeats; all joints must be measured."""
-        weight, use, shape = self.weights, self.use, self.noise_shape
-        return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use, shape))
+        return self._independent(linearise_about(observed, self.model, self.poses, placement, self.weighting))
 
     def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
         """Return the linear problem with old derivatives, and the residual at the parameter values `theta` and

@@ -237,25 +237,27 @@ def _shaped(
                     yield k, at, axis, -size * here
 
 
-def linearise(
-    model: ErrorModel,
-    poses: Poses,
-    theta: Array,
-    placement: Placement,
-    kind_weights: Weights,
-    use: Mask,
-    noise_shape: Array | None = None,
-) -> Linearised:
-    """Linearise the weighted measurements of poses `use` at given parameter values, unmeasured joints eliminated.
+@dataclass(frozen=True)
+class Weighting:
+    """Weights of measurements in a fit.
 
+    kinds: length, m, that counts as one unit of each kind of measurement. use: mask of the fitted poses.
     noise_shape: covariance (3, 3) of the coordinates of a position relative to their mean variance; None: equal noise.
     """
+
+    kinds: Weights
+    use: Mask
+    noise_shape: Array | None = None
+
+
+def linearise(model: ErrorModel, poses: Poses, theta: Array, placement: Placement, weighting: Weighting) -> Linearised:
+    """Linearise the weighted measurements at given parameter values, unmeasured joints eliminated."""
     table = poses.dataset.q
-    poses = solve_joints(model, poses, theta, placement, kind_weights)
+    poses = solve_joints(model, poses, theta, placement, weighting.kinds)
     observed = observe(model, poses, theta, placement)
     if not free_joints(model.mechanism):
-        return linearise_about(observed, model, poses, placement, kind_weights, use, noise_shape)
-    residual, weights = _weighted(observed, poses, kind_weights, use)
+        return linearise_about(observed, model, poses, placement, weighting)
+    residual, weights = _weighted(observed, poses, weighting)
     blocks, names = placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
     columns = np.concatenate(blocks, axis=2)
@@ -264,19 +266,10 @@ def linearise(
 
 
 def linearise_about(
-    observed: Observed,
-    model: ErrorModel,
-    poses: Poses,
-    placement: Placement,
-    kind_weights: Weights,
-    use: Mask,
-    noise_shape: Array | None = None,
+    observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, weighting: Weighting
 ) -> Linearised:
-    """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured.
-
-    noise_shape: covariance (3, 3) of the coordinates of a position relative to their mean variance; None: equal noise.
-    """
-    residual, weights = _weighted(observed, poses, kind_weights, use)
+    """Linearise the measurements about given predictions `observed`, for a mechanism whose joints are all measured."""
+    residual, weights = _weighted(observed, poses, weighting)
     blocks, names = placement_columns(poses, observed, placement)
     rows, count = weights > 0, len(names)
     columns = np.zeros((count + len(model.effects), int(rows.sum()))).T
@@ -290,7 +283,7 @@ def linearise_about(
         poses=poses,
         sizes=np.zeros(len(columns.T)),
         weights=weights,
-        equal=equal_noise(noise_shape, weights),
+        equal=equal_noise(weighting.noise_shape, weights),
     )
     columns[:, :count] = problem.weigh(np.concatenate(blocks, axis=2))
     problem.add_effects(columns.T[count:], model.effects, model)
@@ -314,10 +307,10 @@ def equal_noise(noise_shape: Array | None, weights: Array) -> Array | None:
     return out
 
 
-def _weighted(observed: Observed, poses: Poses, kind_weights: Weights, use: Mask) -> tuple[Array, Array]:
+def _weighted(observed: Observed, poses: Poses, weighting: Weighting) -> tuple[Array, Array]:
     """Return measured minus predicted values, and their weights, 0 if not measured, by pose and component."""
     residual = measured_minus(observed, poses.dataset)
-    return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(kind_weights)
+    return residual, np.isfinite(residual) * weighting.use[:, None].astype(float) * observed.scales(weighting.kinds)
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:

@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.directions import PositionResiduals, independent_share, with_directions
 from gpmodel.calibration.iterate import Fitted, Fitting
-from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.linearise import Linearised, Weighting, linearise
 from gpmodel.calibration.noise import freedom
 from gpmodel.calibration.overall_scale import unrepresented_constants
 from gpmodel.calibration.priors import JointPriors, fit_priors
@@ -189,7 +189,7 @@ def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
     """Linearise a fitted model at any poses with known registrations and tools."""
     use = np.ones(len(poses), dtype=bool)
     model, theta, placement = calibration.model, calibration.theta, calibration.placement
-    return linearise(model, poses, theta, placement, calibration.weights, use, calibration.noise_shape)
+    return linearise(model, poses, theta, placement, Weighting(calibration.weights, use, calibration.noise_shape))
 
 
 def errors_on(calibration: Calibration, poses: Poses, weights: Weights | None = None) -> Array:

@@ -185,7 +185,7 @@ def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
     varying = {e.name for e in model.saved.model.effects if not e.constant}
     assert all(set(e.missing) == varying for e in rigid)
     assert len({round(e.rms, 9) for e in rigid}) == 1
-    assert all(f"{1e3 * e.heldout:.2g}" in e.text for e in rigid)
+    assert all(f"{1e3 * e.heldout:.3f} mm RMS" in e.text for e in rigid)
     kept = tuple(np.where([e.constant for e in model.saved.model.effects], model.saved.theta, 0.0))
     saved = model.saved
     dropped = Model(SavedModel(saved.model, np.array(kept), saved.stderr, saved.covariance, saved.placement,

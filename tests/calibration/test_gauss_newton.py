@@ -9,7 +9,7 @@ from effect_cases import NOISE, Truth, bare, measure, mechanism, residuals, true
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.priors import GEOMETRY_REACH, fit_priors
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.start import placement_after
@@ -106,7 +106,7 @@ def test_several_setups_and_tools_are_identified_together(see: str) -> None:
 def test_placement_columns_are_the_derivatives_of_its_steps(see: tuple[str, ...]) -> None:
     truth = measure("ur5", (), (), 5, count=12, noise=0.0, setups=2, tools=2, see=see)
     use = np.ones(12, dtype=bool)
-    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, {}, use)
+    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, Weighting({}, use))
     for k in range(problem.placement):
         step = np.zeros(problem.placement)
         moved = []
@@ -263,7 +263,7 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     truth = measure("ur5", curves[:6], 1e-4 * np.ones(6), 4, count=60)
     model = ErrorModel(truth.model.mechanism, (*truth.model.effects, *curves[6:]))
     fit = calibrate(model, truth.poses, robust=False)
-    problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.weights, np.ones(60, dtype=bool))
+    problem = linearise(model, truth.poses, fit.theta, fit.placement, Weighting(fit.weights, np.ones(60, dtype=bool)))
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     known = fit_priors(model, problem, fit.theta, fit.placement, fit.free)
     system = np.vstack([problem.columns, known.rows])[:, free]

@@ -15,7 +15,7 @@ from experiments.hexapod.simulator import BASE, GEOMETRY, POINT_NOISE, Machine, 
 from gpmodel.api.check import effects as families_on
 from gpmodel.application.compensate import not_reached
 from gpmodel.arrays import Array
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.start import start_placements
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import random_poses
@@ -135,7 +135,7 @@ def test_columns_are_central_differences_of_the_closed_machine_at_finite_errors(
     def tips(at: Array) -> Array:
         return observe(model, poses, at, placed).tip[:, :3, 3]
 
-    problem = linearise(model, poses, theta, placed, {}, np.ones(8, dtype=bool))
+    problem = linearise(model, poses, theta, placed, Weighting({}, np.ones(8, dtype=bool)))
     columns = problem.columns[:, problem.placement :].reshape(8, 3, -1)
     for k, step in enumerate(1e-6 * np.eye(len(effects))):
         numeric = (tips(theta + step) - tips(theta - step)) / 2e-6
@@ -148,7 +148,7 @@ def test_forty_two_constants_less_the_places_of_base_and_platform_can_be_told_ap
     assert len(effects) == 42
     poses = prepare(arm, gp.read_table(pd.read_csv(io.StringIO(table(0, False)[0]), dtype=str), arm))
     model, everyone = ErrorModel(arm, effects), np.ones(len(poses), dtype=bool)
-    problem = linearise(model, poses, np.zeros(42), next(start_placements(poses)), {}, everyone)
+    problem = linearise(model, poses, np.zeros(42), next(start_placements(poses)), Weighting({}, everyone))
     scaled = problem.columns / np.linalg.norm(problem.columns, axis=0)
     assert problem.placement == 12
     assert np.linalg.matrix_rank(scaled, tol=1e-6) == 42

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import effect_columns, linearise
+from gpmodel.calibration.linearise import Weighting, effect_columns, linearise
 from gpmodel.calibration.result import errors_on
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
@@ -100,7 +100,7 @@ def test_rows_are_the_weighted_columns_of_what_was_measured(name: str) -> None:
     poses, effects = prepare(mechanism(name), missing), pool(name)
     model, use = ErrorModel(mechanism(name), effects), np.arange(len(poses)) != 4
     at = 1e-4 * np.random.default_rng(6).normal(size=len(effects))
-    problem = linearise(model, poses, at, placement, {"rotation": 0.3}, use)
+    problem = linearise(model, poses, at, placement, Weighting({"rotation": 0.3}, use))
     expected = problem.weigh(effect_columns(effects, model, poses, problem.observed))
     assert problem.columns.shape[0] == len(expected) < problem.weights.size
     rounding = 1e-11 * np.abs(expected).max(axis=0)

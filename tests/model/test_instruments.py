@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.unobservable import unobservable_sentences
 from gpmodel.errors import InputError
@@ -36,7 +36,7 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
     model, theta = ErrorModel(saved.mechanism, effects), np.array(saved.theta[: len(effects)])
     there = observe(model, poses, theta, saved.placement)
     placement = replace(saved.placement, anchors=there.own)
-    problem = linearise(model, poses, theta, placement, {}, np.ones(len(poses), dtype=bool))
+    problem = linearise(model, poses, theta, placement, Weighting({}, np.ones(len(poses), dtype=bool)))
     scale = problem.weights[problem.weights > 0]
     own = orthonormal(problem.columns[:, [k for k, n in enumerate(problem.placement_names) if n.startswith("pair")]])
     for k in range(problem.columns.shape[1]):

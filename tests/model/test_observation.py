@@ -9,7 +9,7 @@ from loop_cases import QUICK
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.start import placement_after
 from gpmodel.discovery.loop import discover
@@ -88,7 +88,7 @@ def gear() -> tuple[Effect, ...]:
 
 def test_its_columns_are_the_derivatives_of_its_readings() -> None:
     truth = probed((), 0.0, 12, noise=0.0)
-    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, {}, np.ones(12, dtype=bool))
+    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, Weighting({}, np.ones(12, dtype=bool)))
     assert problem.placement_names[3:6] == ("plane 0 slope x", "plane 0 slope y", "plane 0 offset")
     for k in range(problem.placement):
         step, moved = np.zeros(problem.placement), []

@@ -16,7 +16,7 @@ from gpmodel.application.exports.make import exports_of
 from gpmodel.application.exports.sample import Place
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.linearise import Weighting, linearise
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.undeclared import SMOOTH
@@ -75,7 +75,7 @@ def test_columns_are_the_derivatives_of_the_gaps(made) -> None:  # type: ignore[
     model, theta, step = saved.model, np.array(saved.theta), 2e-6
     placement = observe(model, poses, theta, saved.placement)
     placed = type(saved.placement)(saved.placement.registration, saved.placement.tool, dict(placement.own))
-    problem = linearise(model, poses, theta, placed, {}, np.ones(len(poses), dtype=bool))
+    problem = linearise(model, poses, theta, placed, Weighting({}, np.ones(len(poses), dtype=bool)))
     scale, moves = problem.weights[problem.weights > 0], np.zeros(problem.columns.shape[1])
     for k in range(0, len(moves), 5):
         seen = []
@@ -158,7 +158,7 @@ def test_a_bar_reads_its_length_and_its_columns_are_derivatives(file: Path) -> N
     apart = np.linalg.norm(points[::2] - points[1::2], axis=1) - data.readings["length"][::2]
     np.testing.assert_allclose(np.abs(gap[::2]), 0.5 * np.abs(apart), atol=1e-12)
     np.testing.assert_allclose(gap[::2], -gap[1::2], atol=1e-12)
-    problem = linearise(saved.model, poses, saved.theta, saved.placement, {}, np.ones(len(data), dtype=bool))
+    problem = linearise(saved.model, poses, saved.theta, saved.placement, Weighting({}, np.ones(len(data), dtype=bool)))
     moved = saved.theta + 1e-6 * np.random.default_rng(1).normal(size=len(saved.theta))
     after = measured_minus(observe(saved.model, poses, moved, saved.placement), data)[:, -1]
     own = np.array(["pair" in name for name in problem.placement_names])
