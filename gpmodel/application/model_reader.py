@@ -213,7 +213,7 @@ class ModelPart(msgspec.Struct, frozen=True):
             raise ValueError(f"expected {every} rows, one an unknown, up to the diagonal - at `$.over_causes`")
         _check_covariance(self.over_causes)
         shape = np.array(self.noise_shape or np.eye(3))
-        if np.any(shape != shape.T) or np.linalg.eigvalsh(shape)[0] <= 0.0:
+        if np.any(shape != shape.T) or np.linalg.matrix_rank(shape) < 3 or np.linalg.eigvalsh(shape)[0] <= 0.0:
             raise ValueError("expected a symmetric matrix of positive variances - at `$.noise_shape`")
         for name, rows in self.tool.items():
             for value in np.array(rows)[:3, 3]:

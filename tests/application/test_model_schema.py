@@ -112,6 +112,9 @@ CHANGES: dict[str, tuple[tuple[str | int, ...], object, str]] = {
     "covariance": (("covariance",), [[1.0]], "covariance: expected"),
     "a negative variance": (("covariance", 2, 2), -1e-12, "variances of zero or more"),
     "a correlation of two": (("covariance", 2, 0), 1.0, "correlations from -1 to 1"),
+    "noise of two axes": (("noise_shape",), [[1.0, 0.0], [0.0, 1.0]], "noise_shape: Expected `array` of length 3"),
+    "skew noise": (("noise_shape",), (TURN + np.eye(4, k=1))[:3, :3].tolist(), "noise_shape: expected a symmetric"),
+    "noise without a variance": (("noise_shape",), np.diag([3.0, 0.0, 0.0]).tolist(), "noise_shape: expected a symm"),
     "range": (("ranges", "J1"), [1.0, -1.0], "ranges['J1']: expected the lower value first"),
     "many effects": (("effects",), [{}] * 3000, "effects: Expected `array` of length <= 2000"),
     "many columns": (("input_units",), {str(k): "m" for k in range(1000)}, "input_units: Expected `object` of length"),
@@ -210,6 +213,8 @@ def test_the_report_beside_it_must_tell_of_it(content: dict[str, Any], tmp_path:
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     saved, dataset = fitted(case)
+    if case == "load":
+        saved = replace(saved, noise_shape=np.array([[0.5, 0.1, 0.0], [0.1, 0.5, 0.2], [0.0, 0.2, 2.0]]))
     save_model(tmp_path / "model.json", saved, remark="anything")
     again = load_model(tmp_path / "model.json")
     tips = [
@@ -222,6 +227,7 @@ def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     assert (saved.covariance.placement, saved.ranges) == (again.covariance.placement, again.ranges)
     assert [e.name for e in saved.model.effects] == [e.name for e in again.model.effects]
     assert (saved.weights, saved.sigma, saved.pose) == (again.weights, again.sigma, again.pose)
+    np.testing.assert_array_equal(saved.noise_shape, again.noise_shape)
     assert saved.input_units == again.input_units
     before, after = saved.measured, again.measured
     assert before is not None
