@@ -46,15 +46,18 @@ MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
 """Pattern of the names of table columns with measurements."""
 
 
-def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
+def place_for(out: Path | None, default_name: str, source: Path | None = None, read: Path | None = None) -> Path | None:
     """Return the path of a command's output file; None if --out is not given.
 
     Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
     compensate may be replaced; they have a .truth.json next to the table (simulate) or a column sigma (predict,
     compensate).
     source: input table, which may be replaced, because the output keeps the columns of the input.
+    read: input table, which may not be replaced.
     """
     path = None if out is None else path_for(out, default_name)
+    if path and read and path.exists() and read.exists() and path.samefile(read):
+        raise InputError(f"{path} is read by this command; expected another name", "out")
     if (
         path is None
         or not path.is_file()

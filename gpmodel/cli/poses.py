@@ -120,7 +120,7 @@ def poses(
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is already given by the model in {after}; omit --mechanism", "mechanism")
-    path = place_for(out, "poses.csv")
+    path = place_for(out, "poses.csv", read=task)
     with progress_line(quiet) as say:
         chosen = choose_poses(
             mechanism, count, criterion=criterion, after=after, rejected=rejected, task=task, like=like, above=above,

@@ -92,6 +92,16 @@ def test_a_measured_table_is_not_replaced(words: list[object], model: Path, tmp_
         assert run(*words, "--out", tmp_path / "own.csv").exit_code == 0
 
 
+def test_the_targets_of_a_task_are_not_replaced_by_poses(model: Path, tmp_path: Path) -> None:
+    targets = write(GOOD.filter(like="J")[:3], tmp_path / "targets.csv")
+    before, link = targets.read_bytes(), tmp_path / "link.csv"
+    link.symlink_to(targets)
+    for out in (targets, link):
+        line = one_line(run("poses", "-n", 3, "--after", model, "--task", targets, "--out", out), 2)
+        assert f"{out.name} is read by this command; expected another name" in line
+    assert targets.read_bytes() == before
+
+
 def test_too_little_memory_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise MemoryError("Unable to allocate 3.5 TiB")
