@@ -19,6 +19,7 @@ from scipy import special
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.serial import SerialNoise
 from gpmodel.numerics import rank
 from gpmodel.numerics.interval import SIGNIFICANCE
 
@@ -28,21 +29,27 @@ LEAST_VARIANCE = 1e-6
 """Least variance of a direction relative to the mean: noise a thousandth as large changes no stated digit."""
 
 
-def with_directions(problem: Linearised, columns: Array, covariance: Array, sigma: float, left: Array) -> Array:
-    """Return the covariance of least-squares estimates with the noise of each direction.
+def with_noise(
+    problem: Linearised, columns: Array, covariance: Array, sigma: float, left: Array, serial: SerialNoise | None
+) -> Array:
+    """Return the covariance of least-squares estimates with the noise of each direction and of neighbouring rows.
 
     columns: derivatives of the rows of `problem` with respect to the estimates. covariance: of the estimates, with
-    equal noise `sigma`, m, of all rows. left: residuals of the fit over √(1 - leverage), (positions, 3). If their noise
-    does not depend significantly on the direction, `covariance` is returned.
+    equal independent noise `sigma`, m, of all rows. left: residuals of the fit over √(1 - leverage), (positions, 3). If
+    their noise does not depend significantly on the direction or on the rows before, `covariance` is returned.
     """
     shape = estimated_shape(left)
-    if shape is None:
+    if shape is None and serial is None:
         return covariance
     deviation = np.sqrt(np.diag(covariance))
     deviation[deviation == 0.0] = 1.0
     root = deviation[:, None] * rank.square_root(covariance / np.outer(deviation, deviation))
     parts = _by_pose(problem, columns @ root / sigma)
-    more = np.einsum("pik,ij,pjl->kl", parts, shape - np.eye(3), parts, optimize=True)
+    more = np.zeros((len(root), len(root)))
+    if shape is not None:
+        more += np.einsum("pik,ij,pjl->kl", parts, shape - np.eye(3), parts, optimize=True)
+    if serial is not None:
+        more += serial.added(parts, problem.poses.dataset.row)
     root = root @ rank.square_root(np.eye(len(root)) + more)
     return np.asarray(root @ root.T)
 

@@ -7,12 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.directions import PositionResiduals, independent_share, with_directions
+from gpmodel.calibration.directions import PositionResiduals, independent_share, with_noise
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, Weighting, linearise
 from gpmodel.calibration.noise import freedom
 from gpmodel.calibration.overall_scale import unrepresented_constants
 from gpmodel.calibration.priors import JointPriors, fit_priors
+from gpmodel.calibration.serial import serial_noise
 from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
@@ -213,7 +214,7 @@ def without_outlier_marks(calibration: Calibration) -> Calibration:
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with noise σ, columns and prior rows C.
 
-    The covariance allows for noise that depends on the direction, see `with_directions`.
+    The covariance allows for noise that depends on the direction, see `with_noise`.
     The noise variance is the sum of squares of the residual over (rows - rank), unless the model states its noise.
     Approximate values of unmeasured joints add rows for unknowns that the measurements do not determine.
     """
@@ -244,7 +245,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     residuals = PositionResiduals.of(problem, own, inverse)
     if fitting.noise_shape is not None and fitting.model.noise is None:
         sigma = residuals.sigma
-    covariance = with_directions(problem, own, sigma**2 * inverse, sigma, residuals.rows)
+    serial = serial_noise(problem, own, residuals.rows) if fitting.model.noise is None else None
+    covariance = with_noise(problem, own, sigma**2 * inverse, sigma, residuals.rows, serial)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)
@@ -261,7 +263,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = placement_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
     known = freedom(problem, fitting.block, fitting.ratio, rank - fixed_by_priors(fitting.model, stderr))
-    known *= independent_share(residuals.shape)
+    known *= independent_share(residuals.shape) * (1.0 if serial is None else serial.independent)
+    sigma *= 1.0 if serial is None else float(np.sqrt(serial.growth))
     return Uncertainty(
         stderr, correlation, everything, share, placed, sigma, known, rank, residuals.shape, residuals.left_out
     )
