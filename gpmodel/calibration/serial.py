@@ -19,8 +19,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.numerics.interval import SIGNIFICANCE
 
 MEMORIES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Grid of the number of rows in which the correlation of the drift falls to 1/e, -1 / log ρ. A factor of two changes
-standard errors by less than a fifth."""
+"""Grid of the number of rows in which the correlation of the drift falls to 1/e, -1 / log ρ."""
 SHARES = np.linspace(0.0, 0.98, 50)
 """Grid of the share a of the variance that drifts."""
 LONGEST = 200
@@ -63,14 +62,8 @@ def serial_noise(problem: Linearised, columns: Array, residuals: Array) -> Seria
     """Estimate the noise that neighbouring rows share; None if it is not significant.
 
     columns: fitted columns of the rows. residuals: of complete positions, (positions, 3), m, over √(1 - leverage).
-    The correlation of neighbouring residuals has the standard error 1 / √pairs (Durbin and Watson 1950).
     """
-    pairs = max(residuals[1:].size, 1)
-    square = float(np.mean(residuals**2)) if residuals.size else 0.0
-    if square == 0.0:
-        return None
-    correlation = float(np.sum(residuals[1:] * residuals[:-1])) / pairs / square
-    if special.ndtr(-correlation * np.sqrt(pairs)) >= SIGNIFICANCE:
+    if not neighbours_alike(residuals):
         return None
     pose, component = np.nonzero(problem.weights > 0)
     whole = np.flatnonzero(np.all(problem.weights[:, :3] > 0, axis=1))
@@ -93,3 +86,16 @@ def serial_noise(problem: Linearised, columns: Array, residuals: Array) -> Seria
         if likelihood[k] > best[0]:
             best = (float(likelihood[k]), float(SHARES[k]), memory, float(variance[k] / np.mean(squares)))
     return SerialNoise(*best[1:]) if best[1] > 0.0 else None
+
+
+def neighbours_alike(residuals: Array) -> bool:
+    """Return whether residuals of neighbouring positions, (positions, 3), are significantly alike.
+
+    Their correlation has the standard error 1 / √pairs. Source: Durbin and Watson (1950).
+    """
+    square = np.sum(residuals**2) / max(residuals.size, 1)
+    pairs = residuals[1:].size
+    if square == 0.0 or not pairs:
+        return False
+    correlation = np.sum(residuals[1:] * residuals[:-1]) / pairs / square
+    return bool(special.ndtr(-correlation * np.sqrt(pairs)) < SIGNIFICANCE)

@@ -225,11 +225,11 @@ class Residual:
 def residual_of(
     calibration: Calibration, poses: Poses, criteria: Criteria, seed: int, trusted: Mask | None = None
 ) -> Residual:
-    """Form the residual of a calibration at poses; outliers are winsorised, not dropped.
+    """Form the residual of a calibration at poses, coordinates weighed equally; outliers are winsorised, not dropped.
 
     trusted: mask of the poses that are not winsorised. seed: seed of the random folds of cross-validation.
     """
-    problem = problem_at(calibration, poses)
+    problem = problem_at(replace(calibration, noise_shape=None), poses)
     shrink = winsorising(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0

@@ -82,7 +82,7 @@ def nothing_selected(
     base = geometry_groups(calibration.model.effects)
     fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), fitting.block, 0.0, float(len(theta)))
-    state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
+    state = Expansion(replace(fitting, ratio=ratio, noise_shape=None), theta, placement, calibration.sigma)
     return Selection((), Offered(screening, base, (), (), grids), with_only(screening, base, state), state)
 
 
