@@ -179,14 +179,20 @@ def _fitted(residual: Residual, here: OtherLoads, data: Dataset, change: _Change
         found = np.linalg.lstsq(at / scale, target, rcond=SHORTEST)[0]
         return found * np.abs(found), target - at @ (found / scale)
 
-    nothing = np.zeros(len(size))
+    nothing, new = np.zeros(len(size)), 0 if change.kind in here.said else len(size)
+    before, count = float(np.sum(fitted(nothing)[1] ** 2)), residual.freedom
+
+    def gained(squares: float) -> float:
+        with np.errstate(divide="ignore"):
+            return 0.5 * count * float(np.log(before / np.float64(squares))) - 0.5 * new * float(np.log(count))
+
+    least = LEAST_NATS if new else AGAIN
+    if gained(float(np.sum((triangle[columns.shape[1] - 1 :, -1] / residual.rms) ** 2))) < least:
+        return None  # not even if each compliance had loads of its own, which is a linear problem
     starts = [nothing, *(share * axis for axis in np.eye(len(size)) for share in FIRST)]
     ends = [least_squares(lambda x: fitted(x)[1], start, max_nfev=20) for start in starts]
     best = min(ends, key=lambda end: float(end.cost))
-    before, count = float(np.sum(fitted(nothing)[1] ** 2)), residual.freedom
-    new = 0 if change.kind in here.said else len(size)
-    gain = 0.5 * count * float(np.log(before / (2.0 * best.cost))) - 0.5 * new * float(np.log(count))
-    if gain < (LEAST_NATS if new else AGAIN):
+    if (gain := gained(2.0 * best.cost)) < least:
         return None
     stderr = size * np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2.0 * best.cost / count)
     made = change.made(size * best.x, stderr, bool(fitted(best.x)[0].sum() < 0.0))
