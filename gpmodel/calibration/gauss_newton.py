@@ -200,26 +200,29 @@ def _calibrate(
         if lower < tried[-1].condition_limit and tried[-1].status != "converged":
             tried.append(replace(_fit(fitting, theta, placement, lower, manner), rank_curve=tried[0].rank_curve))
     best = min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
-    return _by_direction(best, poses, replace(manner, robust=False))
+    return _by_direction(best, poses, replace(manner, robust=False), start.noise_shape if start else None)
 
 
-def _by_direction(fit: Calibration, poses: Poses, manner: "_Manner") -> Calibration:
+def _by_direction(fit: Calibration, poses: Poses, manner: "_Manner", begin: Array | None) -> Calibration:
     """Weigh the coordinates of positions by their noise, unless the errors of values left out are then larger.
 
-    The noise of each direction is that of the residuals, which depend on the weights; both are iterated. With equal
-    weights undeclared effects along one direction cause smaller errors than with weights. Errors are larger if their
-    mean square over the positions grows by more than a standard error. Source: Breiman et al. (1984), 3.4.3.
+    The noise of each direction is that of the residuals, which depend on the weights; both are iterated, until errors
+    are larger. The iteration begins with the noise `begin` of an earlier fit, if any. With equal weights undeclared
+    effects along one direction cause smaller errors than with weights. Errors are larger if their mean square over the
+    positions grows by more than a standard error. Source: Breiman et al. (1984), 3.4.3.
     """
-    weighed = fit
+    weighed, shape = fit, fit.shape if fit.shape is None or begin is None else begin
     for _ in range(ATTEMPTS):
-        shape, used = weighed.shape, weighed.noise_shape
+        used = weighed.noise_shape
         if shape is None or (used is not None and np.abs(np.log(linalg.eigvalsh(shape, used))).max() < RATIO_SETTLED):
             break
         fitting = replace(fitting_of(weighed, poses), ratio=weighed.pose_ratio, noise_shape=shape)
         weighed = _fit(fitting, weighed.theta, weighed.placement, fit.condition_limit, manner)
-    less = np.sum(fit.left_out**2 - weighed.left_out**2, axis=1)
-    worse = weighed is not fit and np.mean(less) < -np.std(less) / np.sqrt(len(less))
-    return fit if worse else replace(weighed, rank_curve=fit.rank_curve)
+        less = np.sum(fit.left_out**2 - weighed.left_out**2, axis=1)
+        if np.mean(less) < -np.std(less) / np.sqrt(len(less)):
+            return fit
+        shape = weighed.shape
+    return weighed if weighed is fit else replace(weighed, rank_curve=fit.rank_curve)
 
 
 def _placed(bare: Fitting) -> Placement:

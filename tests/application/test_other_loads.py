@@ -90,6 +90,11 @@ def test_declared_loads_are_left_alone(name: str, weak: bool, declared: str) -> 
     assert judged(name, measured(name, 5, None, loaded=False, weak=weak, declared=declared))[0] is None
 
 
+def test_loads_that_cannot_gain_enough_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gpmodel.application.other_loads.least_squares", lambda *_, **__: pytest.fail("fitted"))
+    assert judged("irb6400r", measured("irb6400r", 5, None, loaded=False))[0] is None
+
+
 def test_measured_torques_and_machines_without_masses_have_no_other_loads() -> None:
     table = measured("irb6400r", 3, None, loaded=True)
     torque = prepare(gp.load_mechanism("irb6400r"), table).states["torque_J3"]

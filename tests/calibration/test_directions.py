@@ -1,6 +1,7 @@
 """Test that standard errors and bounds hold if the noise of positions depends on the direction."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from gpmodel.arrays import Array
 from gpmodel.calibration import gauss_newton
 from gpmodel.calibration.directions import estimated_shape
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.linearise import Weighting, linearise
-from gpmodel.calibration.result import problem_at
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
@@ -113,6 +115,36 @@ def compliant(arm: str, seed: int) -> Truth:
     poses = prepare(mechanism, bare(arm, 480, seed))
     of_load = [c.effects[0] for c in candidates(mechanism, poses.states) if c.name.startswith("joint compliance")]
     return measure(arm, of_load, [2e-7] * len(of_load), seed, count=480, dataset=poses.dataset)
+
+
+def weights_tried(monkeypatch: pytest.MonkeyPatch) -> list[Array]:
+    """Covariances by which the coordinates are weighed in further fits, in order."""
+    tried, fit = list[Array](), gauss_newton._fit
+
+    def noted(fitting: Fitting, *others: Any) -> Calibration:
+        if fitting.noise_shape is not None:
+            tried.append(fitting.noise_shape)
+        return fit(fitting, *others)
+
+    monkeypatch.setattr(gauss_newton, "_fit", noted)
+    return tried
+
+
+def test_weights_of_the_fit_to_start_from_are_tried_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, poses = measured("irb6400r", NOISES["camera above the arm"], 1)
+    first = calibrate(truth.model, poses)
+    tried = weights_tried(monkeypatch)
+    again = calibrate(truth.model, poses, start=first)
+    assert tried == [first.noise_shape]
+    moved = (again.theta - first.theta)[first.free] / first.stderr[first.free]
+    assert np.abs(moved).max() < 0.01
+
+
+def test_no_further_weights_are_tried_after_weights_with_larger_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, tried = compliant("irb6400r", 0), weights_tried(monkeypatch)
+    standard = ErrorModel(load_mechanism("irb6400r"), geometric_effects(load_mechanism("irb6400r")))
+    assert calibrate(standard, truth.poses.subset(np.arange(80))).noise_shape is None
+    assert len(tried) == 1
 
 
 def test_rows_have_equal_noise_if_coordinates_are_missing() -> None:
