@@ -185,7 +185,7 @@ def discover(
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(FOLD_SEED)))
     made = Origin(command, seed, found.seconds, stated(found.final.weights))
     note = f"{rounding_of_table(arm, poses, geometry)} {note}".strip()
-    return DiscoveryResult(over_causes(found), made, note, alone_steps(found) if known else None)
+    return DiscoveryResult(over_causes(found, search.here), made, note, alone_steps(found) if known else None)
 
 
 def _stated(noise: str | float | None, dataset: Dataset) -> Callable[[Weights], float | None]:

@@ -9,6 +9,7 @@ Source: Hoeting (1999), variance within and between models.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -24,6 +25,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
+from gpmodel.executor import ALONE, Forks, called
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -132,16 +134,19 @@ class CauseSet:
     others: tuple[FittedCause, ...]
 
 
-def over_causes(found: Discovery) -> Discovery:
-    """Include in a search's fits to all poses the uncertainty about the causes of their findings."""
+def over_causes(found: Discovery, workers: Forks = ALONE) -> Discovery:
+    """Include in a search's fits to all poses the uncertainty about the causes of their findings.
+
+    workers: processes that fit the causes of the findings.
+    """
     fit = found.fitted.calibration
     with threadpool_limits(limits=1, user_api="blas"):
-        stated = _stated(found, fit, found.fitted.candidates)
-        final = stated if found.final is fit else _stated(found, found.final, ())
+        stated = _stated(found, fit, found.fitted.candidates, workers)
+        final = stated if found.final is fit else _stated(found, found.final, (), workers)
     return replace(found, final=final, fitted=replace(found.fitted, calibration=stated))
 
 
-def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
+def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate], workers: Forks) -> Calibration:
     """Include in a fit to all poses the uncertainty about the cause of each finding, and about one undetected effect.
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
@@ -156,9 +161,10 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     known = {effect.name for effect in fit.model.effects}
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
     residual = residual_of(fit, found.poses, Criteria(), FOLD_SEED)
-    places = [causes_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings]
     soft = _compliances(residual, findings, pool)
-    places.append(causes_of(residual, None, [c for c in pool if c.name not in {one.name for one in soft}]))
+    undetected = [c for c in pool if c.name not in {one.name for one in soft}]
+    tasks = [partial(causes_of, residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings]
+    places = called(workers, [*tasks, partial(causes_of, residual, None, undetected)])
     if soft:
         system, effects = _system_of_fit(residual), [effect for one in soft for effect in one.effects]
         nothing, every = (_cause(residual, system, of, p) for of, p in (((), 0.0), (effects, 1.0)))
