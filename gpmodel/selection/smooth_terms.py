@@ -8,7 +8,7 @@ smooth term given a model decides whether the residual at a site depends on the 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -81,8 +81,10 @@ class SmoothTerm:
         return group_of(Candidate(name, tuple(effects), "", cost, SMOOTH_TERM), shapes)
 
 
-def principal(column: Array) -> Array:
+@lru_cache(64)
+def principal(values: bytes) -> Array:
     """Compute the largest principal components of a Gaussian covariance of an input's values, for the screening."""
+    column = np.frombuffer(values)
     u = 2.0 * (column - column.min()) / max(float(np.ptp(column)), np.finfo(float).tiny)
     sizes, turn = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2.0 * COARSE**2)))
     return np.asarray(turn[:, -COMPONENTS:] * np.sqrt(np.maximum(sizes[-COMPONENTS:], 0.0)))
@@ -111,9 +113,8 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
 
     For a term of two inputs a term of each input is proposed too, so that a sum is distinguished from a product.
     """
-    found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
-    for f in found:
+    for f in sorted(_best(active, sites, inputs), key=lambda f: -f.nats):
         here = sum(key[0] == f.site.name for key in out)
         if f.nats > 0 and here < OF_ONE_PLACE and len(out) < OFFERED:
             out.setdefault((f.site.name, *f.function.inputs), f)
@@ -135,11 +136,10 @@ def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
     """Yield smooth terms at the sites and inputs of largest approximate gain, scored at every correlation length."""
     places = SiteProducts.of(active, sites)
-    states = active.pool.rows.shapes.states
-    columns = {name: states[name][places.poses] for name in inputs}
+    columns = {name: active.pool.rows.shapes.states[name][places.poses] for name in inputs}
     plain = [name for name in columns if not read_by(name)]
     asked: list[tuple[str, ...]] = [*((name,) for name in columns), *combinations(plain, 2)]
-    coarse = {name: principal(column) for name, column in columns.items()}
+    coarse = {name: principal(np.asarray(column, float).tobytes()) for name, column in columns.items()}
     screened = [places.screened(multiplied([coarse[n] for n in names]), active.sigma2) for names in asked]
     likely = [divmod(k, len(sites)) for k in np.argsort(-np.array(screened), axis=None)[:SHORT_LIST].tolist()]
     for lengths in LENGTHS:

@@ -96,7 +96,7 @@ def test_the_screening_in_single_precision_ranks_as_in_double() -> None:
     active, _ = problem(2)
     sites, states = sites_of(mechanism(ARM)), active.pool.rows.shapes.states
     places = SiteProducts.of(active, sites)
-    values = multiplied([principal(states[name][places.poses]) for name in ("J2", "J3")])
+    values = multiplied([principal(states[name][places.poses].tobytes()) for name in ("J2", "J3")])
     inner, rhs = places.products(values, active.sigma2)
     variance = TYPICAL * values.shape[1] / np.trace(inner, axis1=1, axis2=2)
     m = np.eye(values.shape[1]) + variance[:, None, None] * inner
