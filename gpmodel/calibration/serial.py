@@ -16,13 +16,14 @@ from scipy import special
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.model.memory import clock_of
 from gpmodel.numerics.interval import SIGNIFICANCE
 
-MEMORIES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+MEMORIES = (1.0, 4.0, 16.0, 64.0)
 """Grid of the number of rows in which the correlation of the drift falls to 1/e, -1 / log ρ."""
 SHARES = np.linspace(0.0, 0.98, 50)
 """Grid of the share a of the variance that drifts."""
-LONGEST = 200
+LONGEST = 100
 """Number of consecutive positions from which the noise is estimated. The restricted likelihood needs the cube of it."""
 
 
@@ -41,8 +42,10 @@ class SerialNoise:
     def added(self, parts: Array, rows: IntArray) -> Array:
         """Return Σ_ij Q_iᵀ V_ij Q_j - Σ_i Q_iᵀ Q_i with the covariance V of positions relative to `growth`.
 
-        parts: Q_i, (positions, 3, columns). rows: number of the row of each position in the table, ascending.
+        parts: Q_i, (positions, 3, columns). rows: number of the row of each position in the table.
         """
+        order = np.argsort(rows, kind="stable")
+        parts, rows = parts[order], rows[order]
         decay = np.exp(-np.diff(rows) / self.memory)
         later, cross = np.zeros(parts.shape[1:]), np.zeros(2 * parts.shape[2:])
         for k in range(len(parts) - 2, -1, -1):
@@ -59,11 +62,11 @@ class SerialNoise:
 
 
 def serial_noise(problem: Linearised, columns: Array, residuals: Array) -> SerialNoise | None:
-    """Estimate the noise that neighbouring rows share; None if it is not significant.
+    """Estimate the noise that neighbouring rows share; None if it is not significant, or the order of the rows unknown.
 
     columns: fitted columns of the rows. residuals: of complete positions, (positions, 3), m, over √(1 - leverage).
     """
-    if not neighbours_alike(residuals):
+    if clock_of(problem.poses.dataset) is None or not neighbours_alike(residuals):
         return None
     pose, component = np.nonzero(problem.weights > 0)
     whole = np.flatnonzero(np.all(problem.weights[:, :3] > 0, axis=1))
